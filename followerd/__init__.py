@@ -1,0 +1,3 @@
+"""followerd: makes a Pioneer robot follow one chosen person."""
+
+__version__ = "0.1.0"

@@ -1,0 +1,276 @@
+"""The nouns: everything that flows between the layers. SI units, REP-103 axes, loop time.
+
+`stamp` is when a measurement happened, `received` when it was complete in memory; both are
+seconds of the event loop's clock. Frames: `odom`, `base`, `laser`, `camera` (see geometry).
+"""
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+import numpy.typing as npt
+
+from followerd.geometry import Array, Camera, Pose2
+
+Pixels = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """An image rectangle: top left corner and size, px, 0-based."""
+
+    x: float
+    y: float
+    w: float
+    h: float
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Centre (x, y), px."""
+        return self.x + 0.5 * self.w, self.y + 0.5 * self.h
+
+    @property
+    def foot(self) -> tuple[float, float]:
+        """Middle of the lower edge (x, y), px."""
+        return self.x + 0.5 * self.w, self.y + self.h
+
+    @classmethod
+    def around(cls, x: float, y: float, w: float, h: float) -> "Box":
+        """The box of size (w, h) centred on (x, y)."""
+        return cls(x - 0.5 * w, y - 0.5 * h, w, h)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Image:
+    """One frame of a camera."""
+
+    id: int  # counts the device's frames from 0
+    stamp: float  # s, middle of the exposure
+    received: float  # s
+    pixels: Pixels  # (H, W, 3) BGR or (H, W) grey or thermal
+    camera: Camera
+    depth: npt.NDArray[np.float32] | None = None  # (H, W) m along the axis, nan = unknown
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scan:
+    """One sweep of a planar range finder, counter-clockwise."""
+
+    stamp: float  # s, first beam measured
+    received: float  # s, last byte of the telegram
+    angle_min: float  # rad, bearing of ranges[0] in `laser`
+    angle_increment: float  # rad per beam, > 0
+    ranges: Array  # (N,) m; inf = no echo, nan = not measured (dazzled, error)
+    range_max: float  # m
+    beam_times: Array  # (N,) s after `stamp`
+    base_from_laser: Pose2
+    degraded: bool = False  # the device reports pollution or a warning
+
+    @property
+    def angles(self) -> Array:
+        """Bearings (N,) in `laser`, rad."""
+        return self.angle_min + self.angle_increment * np.arange(self.ranges.size)
+
+    def points(self) -> Array:
+        """End points (N, 2) in `base`, m; nan where there is no finite range."""
+        r = np.where(np.isfinite(self.ranges), self.ranges, np.nan)
+        angles = self.angles
+        return self.base_from_laser.apply(np.column_stack([r * np.cos(angles), r * np.sin(angles)]))
+
+
+@dataclass(frozen=True, slots=True)
+class Twist:
+    """Planar velocity of `base`."""
+
+    v: float = 0.0  # m/s, forward
+    omega: float = 0.0  # rad/s, left
+
+
+@dataclass(frozen=True, slots=True)
+class WheelSpeeds:
+    """Wheel surface speeds of a differential drive."""
+
+    left: float  # m/s
+    right: float  # m/s
+
+
+@dataclass(frozen=True, slots=True)
+class TurnBy:
+    """A remaining turn, with a forward speed meanwhile."""
+
+    angle: float  # rad, left
+    v: float = 0.0  # m/s
+
+
+Wish = Twist | WheelSpeeds | TurnBy
+
+
+@dataclass(frozen=True, slots=True)
+class Sonar:
+    """One reading of a sonar disc."""
+
+    disc: int
+    pose: Pose2  # base_from_disc
+    range: float  # m
+
+
+@dataclass(frozen=True, slots=True)
+class Odometry:
+    """A status report of the base."""
+
+    stamp: float  # s
+    received: float  # s
+    pose: Pose2  # odom_from_base
+    twist: Twist
+    wheel_stall: tuple[bool, bool] = (False, False)  # left, right
+    bumpers_front: int = 0  # bit mask
+    bumpers_rear: int = 0  # bit mask
+    sonar: tuple[Sonar, ...] = ()  # new readings only
+    battery: float = float("nan")  # V
+    motors_enabled: bool = True
+    stop_button: bool = False
+    base_id: str = ""  # name / class / subclass
+
+
+class TrackPhase(Enum):
+    """Life of a track."""
+
+    TENTATIVE = "tentative"
+    CONFIRMED = "confirmed"
+    OCCLUDED = "occluded"
+    LOST = "lost"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Detection:
+    """A candidate in one image or scan."""
+
+    stamp: float  # s
+    score: float
+    box: Box | None = None
+    position: tuple[float, float] | None = None  # m, in `base`
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackState:
+    """What a tracker knows of its person. A lost track has neither box nor position."""
+
+    stamp: float  # s, of the measurement it stands on
+    phase: TrackPhase
+    confidence: float  # 0..1, that this is the enrolled person
+    frame_id: int | None = None  # Image.id it stands on
+    box: Box | None = None
+    bearing: float | None = None  # rad in `base` at `stamp`, left positive
+    range: float | None = None  # m from `base` on the ground; None = unknown
+    range_sigma: float | None = None  # m
+    position: tuple[float, float] | None = None  # m, in `odom`
+    velocity: tuple[float, float] | None = None  # m/s, in `odom`
+    covariance: Array | None = None  # (2, 2) or (4, 4) of position (and velocity)
+    candidates: tuple[Box, ...] = ()  # for drawing
+    particles: Array | None = None  # (N, 2) px or m, for drawing
+
+
+class StopReason(Enum):
+    """Why the robot stands, or moves less than wished; the value is the text for people."""
+
+    DISARMED = "not armed"
+    HOLD = "held by the operator"
+    ESTOP = "emergency stop pressed"
+    START_UP = "waiting for all sensors to be fresh"
+    NO_TARGET = "no person enrolled"
+    NOT_CONFIRMED = "the enrolled person is not confirmed"
+    SCAN_STALE = "laser data too old"
+    IMAGE_STALE = "camera data too old"
+    ODOMETRY_STALE = "base data too old"
+    DECISION_STALE = "no fresh decision"
+    ABSURD_DATA = "implausible data"
+    TARGET_UNSURE = "not sure enough who is followed"
+    TARGET_LOST = "person lost"
+    RANGE_UNKNOWN = "distance to the person unknown"
+    OBSTACLE = "obstacle in the way"
+    PERSON_TOO_CLOSE = "person too close"
+    REAR_UNSEEN = "no free space seen behind"
+    WHEEL_STALL = "wheel stalled"
+    BUMPER = "bumper pressed"
+    MOTORS_OFF = "motors are off: press the white MOTORS button, then arm again"
+    STOP_BUTTON = "STOP button pressed: release it, press MOTORS, then arm again"
+    LINK_LOST = "device lost"
+    DEVICE_REFUSED = "device refuses its set-up"
+    LOOP_LATE = "the computer is too slow"
+    LOW_BATTERY = "battery low"
+    SHUTDOWN = "followerd ends"
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """One reason why a wish was changed: what, which device, and how much."""
+
+    stop: StopReason
+    device: str = ""
+    detail: str = ""
+    full_stop: bool = True  # False: slower than wished, not stopped
+
+    def __str__(self) -> str:
+        where = f" ({self.device})" if self.device else ""
+        return f"{self.stop.value}{where}" + (f": {self.detail}" if self.detail else "")
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """The last word before the wheels; only the guard makes one that moves.
+
+    `motion` None is a controlled stop. The base keeps it until `expires`, then stops by itself.
+    """
+
+    stamp: float  # s, when it was decided
+    motion: Wish | None = None
+    expires: float = 0.0  # s; meaningless for a stop
+    cause_received: float | None = None  # s, `received` of the measurement that caused it
+    cause: str = ""  # stream of that measurement
+    emergency: bool = False  # stop as hard as the base can
+    reasons: tuple[Reason, ...] = ()
+
+    @property
+    def stops(self) -> bool:
+        """Whether it asks for standstill."""
+        return self.motion is None
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A device failed, or came back (`recovered`)."""
+
+    stamp: float  # s
+    device: str
+    reason: StopReason
+    detail: str = ""
+    recovered: bool = False
+
+
+class Mode(Enum):
+    """What the robot is allowed to do."""
+
+    DISARMED = "disarmed"
+    READY = "ready"
+    FOLLOWING = "following"
+    HOLDING = "holding"
+    SEARCHING = "searching"
+    IDLE = "idle"
+    FAULT = "fault"
+    ESTOP = "estop"
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """What the pipeline made of one event."""
+
+    sequence: int
+    stamp: float  # s, now
+    mode: Mode
+    track: TrackState | None
+    wish: Wish | None
+    command: Command
+    reasons: tuple[Reason, ...] = field(default=())  # all that hold now, the command's included
+
+
+Measurement = Image | Scan | Odometry

@@ -1,0 +1,30 @@
+"""One table: every stream with its type, nominal rate, and what happens when it goes stale."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+from followerd.messages import Image, Odometry, Scan, StopReason
+
+
+class OnStale(Enum):
+    """Consequence of stale data."""
+
+    STOP = "stop"  # stop, go on by itself when the data is fresh again
+    DISARM = "disarm"  # stop, and the operator must arm again
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """What a stream promises."""
+
+    type: type
+    stale_after: float  # s since it was measured; a config may lower it
+    on_stale: OnStale
+    reason: StopReason
+
+
+STREAMS = {
+    "scan": Stream(Scan, 0.30, OnStale.STOP, StopReason.SCAN_STALE),
+    "image": Stream(Image, 0.30, OnStale.STOP, StopReason.IMAGE_STALE),
+    "odometry": Stream(Odometry, 0.35, OnStale.DISARM, StopReason.ODOMETRY_STALE),
+}

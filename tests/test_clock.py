@@ -1,0 +1,66 @@
+"""Virtual time jumps, is exact and refuses what would make it irreproducible."""
+
+import asyncio
+import time
+
+import pytest
+
+from followerd import clock
+
+
+def test_an_hour_passes_at_once() -> None:
+    async def main() -> float:
+        await clock.sleep(3600)
+        return clock.now()
+
+    began = time.monotonic()
+    assert clock.run_virtual(main()) == pytest.approx(3600)
+    assert time.monotonic() - began < 1
+
+
+def test_timers_fire_in_order_of_their_time() -> None:
+    order: list[int] = []
+
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        for delay in (3, 1, 2):
+            loop.call_later(delay, order.append, delay)
+        await clock.sleep(5)
+
+    clock.run_virtual(main())
+    assert order == [1, 2, 3]
+
+
+def test_waiting_for_ever_is_an_error_not_a_hang() -> None:
+    async def main() -> None:
+        await asyncio.Event().wait()
+
+    with pytest.raises(clock.Deadlock):
+        clock.run_virtual(main())
+
+
+def test_threads_are_refused_in_virtual_time() -> None:
+    async def main() -> None:
+        await asyncio.to_thread(lambda: None)
+
+    with pytest.raises(RuntimeError, match="virtual time has no threads"):
+        clock.run_virtual(main())
+
+
+def test_within_gives_none_when_it_takes_too_long() -> None:
+    async def main() -> tuple[float | None, float | None]:
+        async def slow(seconds: float) -> float:
+            await clock.sleep(seconds)
+            return seconds
+
+        return await clock.within(1.0, slow(2.0)), await clock.within(1.0, slow(0.5))
+
+    assert clock.run_virtual(main()) == (None, 0.5)
+
+
+def test_real_and_virtual_loops_are_told_apart() -> None:
+    async def main() -> bool:
+        return clock.is_virtual()
+
+    assert clock.run_virtual(main())
+    assert not clock.run(main())
