@@ -42,7 +42,8 @@ class Pose2:
         """Points (N, 2) of frame b, in frame a."""
         c, s = cos(self.theta), sin(self.theta)
         rotated: Array = points @ np.array([[c, s], [-s, c]])
-        return rotated + np.array([self.x, self.y])
+        rotated += np.array([self.x, self.y])
+        return rotated
 
     def apply_point(self, x: float, y: float) -> tuple[float, float]:
         """One point of frame b, in frame a."""
