@@ -1,0 +1,27 @@
+"""What a tracker is to the pipeline."""
+
+from typing import Protocol
+
+from followerd.geometry import Pose2
+from followerd.messages import Box, Image, Odometry, Scan, TrackState
+
+
+class Tracker(Protocol):
+    """Follows one enrolled person through measurements; no clock, no I/O, no threads."""
+
+    needs: frozenset[str]  # streams it must get, e.g. {"image"}
+
+    def enrol(
+        self, image: Image, region: Box | tuple[float, float], ego: Pose2 | None
+    ) -> TrackState:
+        """Learn the person in `region` (a box or a clicked point, px) of `image`.
+
+        `ego` is `odom_from_base` at the image's stamp, None without odometry.
+        Raises UsageError when the region does not lie in the image or shows nothing to learn.
+        """
+
+    def step(self, measurement: Image | Scan | Odometry, ego: Pose2 | None) -> TrackState | None:
+        """The track after one more measurement; None before enrolment or if it says nothing new."""
+
+    def forget(self) -> None:
+        """Drop the enrolled person."""
