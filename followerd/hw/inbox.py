@@ -1,0 +1,55 @@
+"""What came in over a link and was not taken yet."""
+
+import asyncio
+from collections import deque
+from typing import Generic, TypeVar
+
+from followerd.errors import LinkLost
+
+T = TypeVar("T")
+
+CHUNKS = 1024  # kept for a reader of bytes that lags; then the oldest are lost, as in a UART
+
+
+class Inbox(Generic[T]):
+    """A bounded queue with one reader, which can be told that the link is gone.
+
+    When `keep` items wait, the oldest is lost for the next one; 1 keeps just the newest.
+    """
+
+    def __init__(self, keep: int) -> None:
+        self._items: deque[T] = deque(maxlen=keep)
+        self._waiter: asyncio.Future[None] | None = None
+        self._lost: LinkLost | None = None
+
+    def put(self, item: T) -> None:
+        """Add an item and wake the reader."""
+        self._items.append(item)
+        self._notify()
+
+    def fail(self, lost: LinkLost) -> None:
+        """The link is gone: the reader is told so at once; the first report stays."""
+        self._lost = self._lost or lost
+        self._notify()
+
+    def check(self) -> None:
+        """Raise LinkLost when the link is gone."""
+        if self._lost is not None:
+            raise LinkLost(self._lost.device, self._lost.problem, self._lost.remedy)
+
+    async def get(self) -> T:
+        """The oldest item; raises LinkLost when the link is gone."""
+        self.check()
+        while not self._items:
+            self._waiter = asyncio.get_running_loop().create_future()
+            await self._waiter
+            self.check()
+        return self._items.popleft()
+
+    def clear(self) -> None:
+        """Forget what was not taken."""
+        self._items.clear()
+
+    def _notify(self) -> None:
+        if self._waiter is not None and not self._waiter.done():
+            self._waiter.set_result(None)

@@ -1,0 +1,265 @@
+"""The cable between a twin's UART and the host's port: line rate, chunks, wrong baud, unplugging.
+
+Bytes take 10 bits each. They reach the other end in chunks of at most 62 bytes, as a USB serial
+adapter hands them over, each when its last byte has crossed. A burst (what a twin's `step`
+returns) travels at the twin's `baud` as it stands when `step` returns.
+"""
+
+import asyncio
+from collections import deque
+from math import inf
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from followerd import clock
+from followerd.errors import LinkLost, OpenError
+from followerd.hw.inbox import CHUNKS, Inbox
+from followerd.hw.stream import Link, Received
+from followerd.sim.faults import Damage, Fault
+from followerd.sim.interfaces import Twin
+
+BITS_PER_BYTE = 10  # start, 8 data, stop
+OUT_QUEUE = 8192  # bytes that a port and its driver hold before the link counts as stuck
+RESOLUTION = 1e-9  # s; timers fire up to this early
+
+
+class HostPort(Protocol):
+    """The host's end of the cable."""
+
+    @property
+    def baud(self) -> int | None:
+        """The rate the host has set; None = no line rate of its own (TCP)."""
+
+    def deliver(self, data: bytes, stamp: float) -> None:
+        """Take bytes that crossed the line."""
+
+    def unplug(self) -> None:
+        """The cable is pulled."""
+
+    def replug(self) -> None:
+        """The cable is back."""
+
+
+class _Chunk(NamedTuple):
+    due: float  # s, last byte has crossed
+    data: bytes
+    baud: int | None
+
+
+class Line:
+    """Carries bytes between `twin` and the ports plugged into it; `link` is one in memory."""
+
+    def __init__(
+        self,
+        twin: Twin,
+        rng: np.random.Generator,
+        name: str,
+        chunk: int = 62,
+        faults: tuple[Fault, ...] = (),
+    ) -> None:
+        self.name = name
+        self._twin = twin
+        self._rng = rng
+        self._chunk = chunk
+        self._ports: list[HostPort] = []
+        self._to_host: deque[_Chunk] = deque()
+        self._to_twin: deque[_Chunk] = deque()
+        self._host_free = 0.0  # s, when the last byte of each queue has crossed
+        self._twin_free = 0.0
+        self._host_rate = twin.baud
+        self._plugged = True
+        self._damage = Damage(faults, rng)
+        self._start = 0.0  # s, when `run` began; faults count from there
+        self._cable_changes = deque(self._damage.cable_changes())
+        self._wake: asyncio.Future[None] | None = None
+        self.link: Link = MemoryLink(self)
+
+    @property
+    def plugged(self) -> bool:
+        """Whether the cable is in."""
+        return self._plugged
+
+    @property
+    def ports(self) -> list[HostPort]:
+        """The ports plugged in now; append and remove freely."""
+        return self._ports
+
+    async def run(self) -> None:
+        """Carry bytes and wake the twin, for ever."""
+        self._start = clock.now()
+        while True:
+            await self._wait_until(self._next_due())
+            now, due = clock.now(), self._next_due()
+            if due <= now + RESOLUTION:
+                self._advance(max(now, due))
+
+    @property
+    def backlog(self) -> float:
+        """Bytes from the host that still wait or cross."""
+        return max(0.0, self._host_free - clock.now()) * self._host_rate / BITS_PER_BYTE
+
+    def transmit(self, data: bytes, baud: int | None) -> None:
+        """Bytes that the host starts to send now; whoever calls keeps `backlog` below OUT_QUEUE."""
+        if self._plugged and data:
+            self._host_rate = baud or self._twin.baud
+            start = max(self._host_free, clock.now())
+            self._host_free = self._enqueue(self._to_twin, data, start, self._host_rate, baud)
+            self._poke()
+
+    def unplug(self) -> None:
+        """Pull the cable: bytes under way are lost, the host notices at once."""
+        self._plugged = False
+        self._to_host.clear()
+        self._to_twin.clear()
+        for port in list(self._ports):
+            port.unplug()
+
+    def replug(self) -> None:
+        """Put the cable back; the host may open the link again."""
+        self._plugged = True
+        for port in list(self._ports):
+            port.replug()
+
+    def _next_due(self) -> float:
+        due = self._twin.wake_at()
+        if self._to_twin:
+            due = min(due, self._to_twin[0].due)
+        if self._to_host:
+            due = min(due, self._to_host[0].due)
+        if self._cable_changes:
+            due = min(due, self._start + self._cable_changes[0])
+        return due
+
+    def _advance(self, now: float) -> None:
+        horizon = now + RESOLUTION
+        while self._cable_changes and self._start + self._cable_changes[0] <= horizon:
+            if self._damage.is_cut(self._cable_changes.popleft()):
+                self.unplug()
+            else:
+                self.replug()
+        while self._to_host and self._to_host[0].due <= horizon:
+            self._hand_to_host(self._to_host.popleft(), now)
+        received = False
+        while self._to_twin and self._to_twin[0].due <= horizon:
+            chunk = self._to_twin.popleft()
+            if not self._damage.is_deaf(now - self._start):
+                self._twin.receive(self._as_heard(chunk, self._twin.baud), now)
+                received = True
+        if received or self._twin.wake_at() <= horizon:
+            self._send(self._twin.step(now), now)
+            if self._twin.wake_at() <= now:
+                raise RuntimeError(f"{self.name}: the twin's step at {now} s left work undone")
+
+    def _send(self, burst: bytes, now: float) -> None:
+        if not burst or not self._plugged:
+            return
+        rate = self._twin.baud
+        for leaves, piece in self._damage.apply(burst, now - self._start):
+            start = max(self._twin_free, self._start + leaves)
+            self._twin_free = self._enqueue(self._to_host, piece, start, rate, rate)
+
+    def _enqueue(
+        self, queue: deque[_Chunk], data: bytes, start: float, rate: int, baud: int | None
+    ) -> float:
+        byte_time = BITS_PER_BYTE / rate
+        for first in range(0, len(data), self._chunk):
+            piece = data[first : first + self._chunk]
+            queue.append(_Chunk(start + (first + len(piece)) * byte_time, piece, baud))
+        return start + len(data) * byte_time
+
+    def _hand_to_host(self, chunk: _Chunk, now: float) -> None:
+        for port in list(self._ports):
+            port.deliver(self._as_heard(chunk, port.baud), now)
+
+    def _as_heard(self, chunk: _Chunk, baud: int | None) -> bytes:
+        """What a receiver at `baud` makes of a chunk: noise when the rates differ."""
+        if chunk.baud is None or baud is None or chunk.baud == baud:
+            return chunk.data
+        return self._rng.bytes(len(chunk.data))
+
+    async def _wait_until(self, due: float) -> None:
+        loop = asyncio.get_running_loop()
+        self._wake = loop.create_future()
+        timer = loop.call_at(due, self._poke) if due < inf else None
+        try:
+            await self._wake
+        finally:
+            if timer is not None:
+                timer.cancel()
+
+    def _poke(self) -> None:
+        if self._wake is not None and not self._wake.done():
+            self._wake.set_result(None)
+
+
+class MemoryLink:
+    """A link to a twin in the same process."""
+
+    def __init__(self, line: Line) -> None:
+        self.name = f"sim:{line.name}"
+        self._line = line
+        self._stream: MemoryStream | None = None
+
+    async def open(self, device: str, baud: int) -> "MemoryStream":
+        """Open the link; raises OpenError while it is unplugged or open already."""
+        if not self._line.plugged:
+            raise OpenError(device, f"{self.name} does not exist", "plug the cable in")
+        if self._stream is not None and self._stream in self._line.ports:
+            raise OpenError(device, f"{self.name} is busy", "close the other program that uses it")
+        self._stream = MemoryStream(self._line, device, baud)
+        self._line.ports.append(self._stream)
+        return self._stream
+
+
+class MemoryStream:
+    """The open host end, in memory."""
+
+    def __init__(self, line: Line, device: str, baud: int) -> None:
+        self.baud: int | None = baud
+        self._line = line
+        self._device = device
+        self._inbox: Inbox[Received] = Inbox(CHUNKS)
+
+    async def read(self) -> Received:
+        """The next chunk; raises LinkLost when unplugged or closed."""
+        return await self._inbox.get()
+
+    def write(self, data: bytes) -> None:
+        """Start to send; raises LinkLost when unplugged, closed or stuck."""
+        self._inbox.check()
+        if self._line.backlog + len(data) > OUT_QUEUE:
+            self._inbox.fail(LinkLost(self._device, "takes no more bytes", "check the line rate"))
+            self._inbox.check()
+        self._line.transmit(data, self.baud)
+
+    async def drain(self) -> None:
+        """Nothing to wait for: the port has taken everything, each byte at the rate of its time."""
+
+    def set_baud(self, baud: int) -> None:
+        """Change the line rate of bytes written from now on."""
+        self.baud = baud
+
+    def discard_input(self) -> None:
+        """Forget what was not read."""
+        self._inbox.clear()
+
+    def close(self) -> None:
+        """Close; idempotent."""
+        self._end("closed")
+
+    def deliver(self, data: bytes, stamp: float) -> None:
+        """Take bytes that crossed the line."""
+        self._inbox.put(Received(data, stamp))
+
+    def unplug(self) -> None:
+        """The cable is pulled."""
+        self._end("unplugged")
+
+    def replug(self) -> None:
+        """An unplugged stream stays lost; the link must be opened anew."""
+
+    def _end(self, problem: str) -> None:
+        self._inbox.fail(LinkLost(self._device, problem))
+        if self in self._line.ports:
+            self._line.ports.remove(self)

@@ -1,0 +1,240 @@
+"""Links to real ports: a pty and a socket stand in for them."""
+
+import asyncio
+import os
+import pty
+import socket
+import sys
+import termios
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from followerd import clock
+from followerd.errors import ConfigError, LinkLost, OpenError, SetupError
+from followerd.hw.serial import PortStream, open_link
+from followerd.hw.stream import ByteStream
+
+
+class Pty:
+    """A pty in raw mode; the test plays the device on `master`."""
+
+    def __init__(self) -> None:
+        self.master, slave = pty.openpty()
+        tty.setraw(slave)
+        self.path = os.ttyname(slave)
+        os.close(slave)
+
+    def close(self) -> None:
+        if self.master >= 0:
+            os.close(self.master)
+            self.master = -1
+
+
+@pytest.fixture
+def wire() -> Iterator[Pty]:
+    made = Pty()
+    yield made
+    made.close()
+
+
+async def read_exactly(stream: ByteStream, count: int) -> bytes:
+    data = b""
+    while len(data) < count:
+        data += (await stream.read()).data
+    return data
+
+
+async def test_bytes_go_both_ways_over_a_pty(wire: Pty) -> None:
+    stream = await open_link(wire.path).open("base", 9600)
+    loop = asyncio.get_running_loop()
+    loop.add_reader(wire.master, lambda: os.write(wire.master, os.read(wire.master, 4096)))
+    trips = []
+    for n in range(200):
+        telegram = bytes([n] * 32)
+        start = clock.now()
+        stream.write(telegram)
+        await stream.drain()
+        assert await read_exactly(stream, 32) == telegram
+        trips.append(clock.now() - start)
+    sys.stdout.write(f"echo of 32 bytes over a pty: p50 {1e6 * sorted(trips)[100]:.0f} us\n")
+    loop.remove_reader(wire.master)
+    stream.close()
+
+
+async def test_received_bytes_carry_the_loop_time_of_their_arrival(wire: Pty) -> None:
+    stream = await open_link(wire.path).open("base", 9600)
+    before = clock.now()
+    os.write(wire.master, b"x")
+    received = await stream.read()
+    assert before <= received.stamp <= clock.now()
+    stream.close()
+
+
+async def test_a_symlink_to_a_port_is_a_port(wire: Pty, tmp_path: Path) -> None:
+    (tmp_path / "robot").symlink_to(wire.path)
+    stream = await open_link(str(tmp_path / "robot")).open("base", 9600)
+    os.write(wire.master, b"hello")
+    assert await read_exactly(stream, 5) == b"hello"
+    stream.close()
+
+
+async def test_the_line_rate_is_set_on_the_port(wire: Pty) -> None:
+    stream = await open_link(wire.path).open("laser", 9600)
+    assert termios.tcgetattr(wire.master)[4] == termios.B9600
+    stream.set_baud(500000)
+    assert termios.tcgetattr(wire.master)[4] == termios.B500000
+    stream.close()
+
+
+async def test_a_rate_the_port_cannot_do_is_said(wire: Pty) -> None:
+    stream = await open_link(wire.path).open("laser", 9600)
+    with pytest.raises(SetupError, match=r"laser: .* cannot do -5 baud .*; use another adapter"):
+        stream.set_baud(-5)
+    stream.close()
+
+
+async def test_a_hang_up_is_noticed_once_without_spinning(wire: Pty) -> None:
+    stream = await open_link(wire.path).open("base", 9600)
+    wire.close()
+    with pytest.raises(LinkLost, match=r"base: /dev/pts/\d+ .*; check plug and power"):
+        await stream.read()
+    cpu = sum(os.times()[:2])
+    await clock.sleep(0.2)
+    assert sum(os.times()[:2]) - cpu < 0.1
+    with pytest.raises(LinkLost):
+        stream.write(b"x")
+    with pytest.raises(LinkLost):
+        await stream.drain()
+    stream.close()
+
+
+async def test_a_write_can_be_the_first_to_notice_a_hang_up(wire: Pty) -> None:
+    stream = await open_link(wire.path).open("base", 9600)
+    wire.close()
+    with pytest.raises(LinkLost, match="check plug and power"):
+        stream.write(b"x")
+    cpu = sum(os.times()[:2])
+    await clock.sleep(0.2)
+    assert sum(os.times()[:2]) - cpu < 0.1
+    stream.close()
+
+
+async def test_a_closed_stream_says_so_and_closing_twice_is_fine(wire: Pty) -> None:
+    stream = await open_link(wire.path).open("base", 9600)
+    stream.close()
+    stream.close()
+    with pytest.raises(LinkLost, match="closed"):
+        await stream.read()
+    with pytest.raises(LinkLost, match="closed"):
+        stream.set_baud(9600)
+    again = await open_link(wire.path).open("base", 9600)  # the lock is gone
+    again.close()
+
+
+async def test_discarded_input_is_not_read(wire: Pty) -> None:
+    stream = await open_link(wire.path).open("base", 9600)
+    os.write(wire.master, b"old")
+    await clock.sleep(0.02)
+    stream.discard_input()
+    os.write(wire.master, b"new")
+    assert (await stream.read()).data == b"new"
+    stream.close()
+
+
+async def test_a_port_that_takes_no_bytes_is_lost_not_waited_for(wire: Pty) -> None:
+    stream = await open_link(wire.path).open("base", 9600)
+    with pytest.raises(LinkLost, match="takes no more bytes"):
+        write_much(stream)
+    stream.close()
+
+
+def write_much(stream: ByteStream) -> None:
+    for _ in range(60):
+        stream.write(bytes(1000))
+
+
+async def test_queued_bytes_follow_when_the_port_takes_them_again(wire: Pty) -> None:
+    os.set_blocking(wire.master, False)
+    stream = await open_link(wire.path).open("base", 9600)
+    sent = 0
+    while sent < 60_000 and stream_has_no_queue(stream):
+        stream.write(bytes(1000))
+        sent += 1000
+    took = 0
+    draining = asyncio.create_task(stream.drain())
+    await clock.sleep(0)
+    assert not draining.done()
+    while took < sent:
+        await clock.sleep(0)
+        try:
+            took += len(os.read(wire.master, 65536))
+        except BlockingIOError:
+            await clock.sleep(0.001)
+    await draining
+    stream.close()
+
+
+def stream_has_no_queue(stream: ByteStream) -> bool:
+    assert isinstance(stream, PortStream)
+    return stream.queued == 0
+
+
+async def test_a_port_that_does_not_exist_lists_those_that_do() -> None:
+    with pytest.raises(OpenError, match=r"base: /dev/nope does not exist; (there are: |no serial)"):
+        await open_link("/dev/nope").open("base", 9600)
+
+
+async def test_a_busy_port_names_who_uses_it(wire: Pty) -> None:
+    stream = await open_link(wire.path).open("base", 9600)
+    with pytest.raises(OpenError, match=rf"laser: .* is busy; used by .*\(pid {os.getpid()}\)"):
+        await open_link(wire.path).open("laser", 9600)
+    stream.close()
+
+
+async def test_a_port_without_permission_tells_which_group_to_join(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuse(*args: object, **options: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("serial.Serial", refuse)
+    with pytest.raises(OpenError, match="permission denied; `sudo usermod -aG dialout"):
+        await open_link("/dev/nope").open("base", 9600)
+
+
+async def test_a_file_is_no_serial_port(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(OpenError, match="no usable serial port"):
+        await open_link(str(tmp_path / "file")).open("base", 9600)
+
+
+@pytest.mark.parametrize("text", ["socket://host", "udp://host:1", "socket://h:x", "socket://:1"])
+def test_a_link_written_wrong_is_a_config_error(text: str) -> None:
+    with pytest.raises(ConfigError, match="expected /dev/NAME or socket://HOST:PORT"):
+        open_link(text)
+
+
+async def test_bytes_go_both_ways_over_a_socket_and_its_end_is_a_lost_link() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        link = open_link(f"socket://127.0.0.1:{server.getsockname()[1]}")
+        stream = await link.open("base", 9600)
+        far, _ = server.accept()
+        with far:
+            stream.write(b"ping")
+            assert far.recv(10) == b"ping"
+            stream.set_baud(500000)
+            far.sendall(b"pong")
+            assert await read_exactly(stream, 4) == b"pong"
+        with pytest.raises(LinkLost):
+            await stream.read()
+        stream.close()
+
+
+async def test_a_socket_nobody_listens_on_cannot_be_opened() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    with pytest.raises(OpenError, match=r"[Rr]efused; is it running there"):
+        await open_link(f"socket://127.0.0.1:{port}").open("base", 9600)
