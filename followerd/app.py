@@ -1,0 +1,129 @@
+"""The composition root: which driver, or which twin, is plugged into the daemon. Read it first."""
+
+import signal
+from collections.abc import Callable, Coroutine, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from followerd import clock
+from followerd.config import Config
+from followerd.control.registry import CONTROLLERS
+from followerd.hw.camera.driver import open_camera
+from followerd.hw.camera.settings import CameraSettings
+from followerd.hw.camera.source import FrameSource
+from followerd.hw.lms200.settings import Lms200Settings
+from followerd.hw.registry import DRIVERS
+from followerd.hw.serial import open_link
+from followerd.hw.stream import Link
+from followerd.pipeline import Pipeline
+from followerd.runtime.auto_operator import AutoOperator
+from followerd.runtime.control_socket import default_path, serve
+from followerd.runtime.daemon import Daemon
+from followerd.sim import scenarios
+from followerd.sim.faults import Fault
+from followerd.sim.rig import Equipment, Rig
+from followerd.trackers.registry import TRACKERS
+
+DEFAULT_TWIN = "p3dx-sh"  # what the base's twin is where the config names no model
+
+Attach = Callable[[Daemon], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Plugs:
+    """Where the three devices are plugged in."""
+
+    base: Link
+    laser: Link
+    camera: FrameSource
+
+
+def hardware(config: Config) -> Plugs:
+    """The links that the config names."""
+    return Plugs(
+        open_link(config.base.link),
+        open_link(config.laser.link),
+        open_camera(config.camera.link, _camera(config)),
+    )
+
+
+def in_memory(rig: Rig) -> Plugs:
+    """The twins of a rig in this process."""
+    return Plugs(rig.robot.link, rig.laser.link, rig.camera.link)
+
+
+def plugged_into(config: Config, folder: Path) -> Config:
+    """The config with every `sim` link replaced by what `followerd sim --links` offers there."""
+    places = {"base": "robot", "laser": "laser", "camera": "camera"}
+    links = {
+        role: section.model_copy(update={"link": str(folder / place)})
+        for role, place in places.items()
+        if (section := getattr(config, role)).link == "sim"
+    }
+    return config.model_copy(update=links)
+
+
+def build(config: Config, plugs: Plugs) -> Daemon:
+    """The daemon of a config; to be called in its event loop."""
+    cv2.setNumThreads(1)
+    tracker = TRACKERS.load(config.tracker.kind)(config.tracker, np.random.default_rng(config.seed))
+    controller = CONTROLLERS.load(config.controller.kind)(config.controller)
+    return Daemon(
+        DRIVERS.load(config.base.kind)(config.base, plugs.base),
+        [
+            DRIVERS.load(config.laser.kind)(config.laser, plugs.laser),
+            DRIVERS.load(config.camera.kind)(config.camera, plugs.camera),
+        ],
+        tracker,
+        Pipeline(config.pipeline, controller),
+        config.image_work_s,
+    )
+
+
+def rig(config: Config, faults: Sequence[Fault] = ()) -> Rig:
+    """The simulated robot that fits a config."""
+    return Rig(scenarios.load(config.sim.scenario), equipment(config), config.seed, faults)
+
+
+def equipment(config: Config) -> Equipment:
+    """What a config says of the robot's build."""
+    laser = Lms200Settings.model_validate(config.laser.model_dump(exclude={"kind", "link"}))
+    camera = _camera(config)
+    return Equipment(
+        getattr(config.base, "model", None) or DEFAULT_TWIN,
+        laser.mount.base_from_laser,
+        laser.mount.upside_down,
+        camera.camera,
+        camera.rate_hz,
+    )
+
+
+def _camera(config: Config) -> CameraSettings:
+    return CameraSettings.model_validate(config.camera.model_dump(exclude={"kind", "link"}))
+
+
+async def live(config: Config, duration: float | None, attach: Attach) -> Daemon:
+    """Run the daemon on the config's links, until `duration` has passed or a signal comes."""
+    daemon = build(config, hardware(config))
+    attach(daemon)
+    path = Path(config.socket) if config.socket else default_path()
+    parts = clock.together(serve(daemon, path), *_parts(daemon, config))
+    await clock.until_signal(parts, signal.SIGTERM, signal.SIGINT, seconds=duration)
+    return daemon
+
+
+async def virtual(config: Config, duration: float, attach: Attach, world: Rig) -> Daemon:
+    """Run the daemon on the twins of `world` in this process; the loop must be virtual."""
+    daemon = build(config, in_memory(world))
+    attach(daemon)
+    await clock.within(duration, clock.together(world.run(), *_parts(daemon, config)))
+    return daemon
+
+
+def _parts(daemon: Daemon, config: Config) -> list[Coroutine[Any, Any, None]]:
+    operator = [AutoOperator(daemon).run()] if config.operator == "auto" else []
+    return [*operator, daemon.run()]

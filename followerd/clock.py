@@ -9,6 +9,7 @@ import asyncio
 import selectors
 from collections.abc import Callable, Coroutine
 from concurrent.futures import Executor
+from contextlib import suppress
 from typing import Any, TypeVar, TypeVarTuple, Unpack
 
 T = TypeVar("T")
@@ -37,6 +38,36 @@ async def within(seconds: float, what: Coroutine[Any, Any, T]) -> T | None:
             return await what
     except TimeoutError:
         return None
+
+
+async def together(*parts: Coroutine[Any, Any, object]) -> None:
+    """Run all parts; the first failure cancels the others and is raised as it is."""
+    try:
+        async with asyncio.TaskGroup() as tasks:
+            for part in parts:
+                tasks.create_task(part)
+    except BaseExceptionGroup as group:
+        raise group.exceptions[0] from None
+
+
+async def until_signal(
+    what: Coroutine[Any, Any, object], *signals: int, seconds: float | None = None
+) -> None:
+    """Run `what` until it ends, a signal comes, or `seconds` have passed."""
+    loop = asyncio.get_running_loop()
+    task = asyncio.ensure_future(what)
+    for number in signals:
+        loop.add_signal_handler(number, task.cancel)
+    timer = None if seconds is None else loop.call_later(seconds, task.cancel)
+    try:
+        with suppress(asyncio.CancelledError):
+            await task
+    finally:
+        task.cancel()
+        if timer is not None:
+            timer.cancel()
+        for number in signals:
+            loop.remove_signal_handler(number)
 
 
 class Deadlock(RuntimeError):

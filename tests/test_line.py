@@ -61,16 +61,20 @@ async def read_for_ever(stream: ByteStream) -> None:
         await stream.read()
 
 
-def test_bursts_arrive_in_chunks_of_62_when_their_last_byte_has_crossed() -> None:
-    line = Line(Beacon(bytes(range(150)), 1.0), rng(), "robot")
+@pytest.mark.parametrize(
+    ("baud", "lengths"), [(38400, [61, 61, 28]), (115200, [62, 62, 26]), (9600, [15] * 10)]
+)
+def test_bursts_arrive_in_chunks_when_their_last_byte_has_crossed(
+    baud: int, lengths: list[int]
+) -> None:
+    line = Line(Beacon(bytes(range(150)), 1.0, baud), rng(), "robot")
 
     async def host() -> None:
-        stream = await line.link.open("base", 9600)
-        chunks = [await stream.read() for _ in range(3)]
+        stream = await line.link.open("base", baud)
+        chunks = [await stream.read() for _ in lengths]
         assert b"".join(c.data for c in chunks) == bytes(range(150))
-        assert [len(c.data) for c in chunks] == [62, 62, 26]
-        byte = 10 / 9600
-        crossed = [1.0 + n * byte for n in (62, 124, 150)]
+        assert [len(c.data) for c in chunks] == lengths
+        crossed = 1.0 + np.cumsum(lengths) * 10 / baud
         assert [c.stamp for c in chunks] == pytest.approx(crossed, abs=1e-8)
 
     on_line(line, host)

@@ -2,7 +2,8 @@
 
 Bytes take 10 bits each. They reach the other end in chunks of at most 62 bytes, as a USB serial
 adapter hands them over, each when its last byte has crossed. A burst (what a twin's `step`
-returns) travels at the twin's `baud` as it stands when `step` returns.
+returns) travels at the twin's `baud` as it stands when `step` returns. On a slow line the adapter's
+latency timer makes the chunks shorter.
 """
 
 import asyncio
@@ -20,6 +21,7 @@ from followerd.sim.faults import Damage, Fault
 from followerd.sim.interfaces import Twin
 
 BITS_PER_BYTE = 10  # start, 8 data, stop
+LATENCY_TIMER = 0.016  # s after which an adapter hands over what it has, full or not
 OUT_QUEUE = 8192  # bytes that a port and its driver hold before the link counts as stuck
 RESOLUTION = 1e-9  # s; timers fire up to this early
 
@@ -163,8 +165,9 @@ class Line:
         self, queue: deque[_Chunk], data: bytes, start: float, rate: int, baud: int | None
     ) -> float:
         byte_time = BITS_PER_BYTE / rate
-        for first in range(0, len(data), self._chunk):
-            piece = data[first : first + self._chunk]
+        most = min(self._chunk, max(1, int(LATENCY_TIMER / byte_time)))
+        for first in range(0, len(data), most):
+            piece = data[first : first + most]
             queue.append(_Chunk(start + (first + len(piece)) * byte_time, piece, baud))
         return start + len(data) * byte_time
 

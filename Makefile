@@ -1,0 +1,45 @@
+# Each target does the set-up it needs. Needs python3 (3.11 or newer) with venv, and network once.
+PYTHON ?= python3
+BIN := .venv/bin
+READY := .venv/.ready
+
+.PHONY: setup demo test quick check format lock opencv4
+
+setup: $(READY)
+
+$(READY): pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r constraints.txt
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	touch $@
+
+demo: $(READY) ## a robot follows a person down a corridor, nothing plugged in
+	$(BIN)/followerd demo
+
+test: $(READY) ## everything, quick tests first
+	$(BIN)/pytest -q -m "not slow"
+	$(BIN)/pytest -q -m slow
+
+quick: $(READY) ## what to run while working
+	$(BIN)/pytest -q -m "not slow"
+
+check: $(READY) ## lint, format, types, layers
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-cache
+
+format: $(READY)
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+opencv4: $(READY) ## the image code on the oldest line of OpenCV that is supported
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --upgrade --target build/opencv4 "opencv-python-headless==4.10.*"
+	PYTHONPATH=build/opencv4 $(BIN)/pytest -q -m "not slow" tests/perception tests/trackers tests/sim
+
+lock: ## write constraints.txt anew from pyproject.toml
+	$(PYTHON) -m venv build/lock
+	build/lock/bin/pip install --quiet pip-tools
+	build/lock/bin/pip-compile --quiet --generate-hashes --allow-unsafe --strip-extras --all-extras \
+	  --no-emit-index-url --no-emit-trusted-host --no-emit-find-links --no-header --no-annotate \
+	  --output-file constraints.txt pyproject.toml

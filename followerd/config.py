@@ -1,0 +1,117 @@
+"""The config file: one schema, assembled from the settings beside what they configure."""
+
+from functools import cache, reduce
+from operator import or_
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field, create_model
+
+from followerd import yaml
+from followerd.control.registry import CONTROLLERS
+from followerd.errors import ConfigError
+from followerd.hw.registry import DRIVERS
+from followerd.pipeline import PipelineSettings
+from followerd.registry import Registry
+from followerd.resources import shipped
+from followerd.settings import Settings, validate
+from followerd.trackers.registry import TRACKERS
+
+
+class DeviceSection(Settings):
+    """A device: which driver, and where it is plugged in."""
+
+    kind: str
+    link: str = Field(
+        description="/dev/ttyUSB0, socket://host:port, /dev/video0, ring:FILE, or sim for the twin"
+    )
+
+
+class ChoiceSection(Settings):
+    """A tracker or a controller."""
+
+    kind: str
+
+
+class SimSection(Settings):
+    """The simulated world behind links that say `sim`."""
+
+    scenario: str = Field("corridor", description="a shipped scenario or a YAML file")
+
+
+class Config(Settings):
+    """Everything the daemon is told."""
+
+    base: DeviceSection
+    laser: DeviceSection
+    camera: DeviceSection
+    tracker: ChoiceSection
+    controller: ChoiceSection
+    pipeline: PipelineSettings = PipelineSettings()
+    sim: SimSection = SimSection()
+    operator: Literal["manual", "auto"] = Field(
+        "manual", description="auto: enrols whoever stands in front, confirms and arms by itself"
+    )
+    seed: int = Field(0, ge=0, description="of the tracker's and the simulation's random numbers")
+    image_work_s: float = Field(
+        0.006, ge=0, le=1, description="modelled duration of a tracker's step in virtual time"
+    )
+    socket: str | None = Field(None, description="control socket; default: the runtime directory")
+    log_level: Literal["debug", "info", "warning", "error"] = "info"
+
+    @property
+    def simulated(self) -> bool:
+        """Whether any device is a twin."""
+        return "sim" in (self.base.link, self.laser.link, self.camera.link)
+
+
+@cache
+def schema() -> type[Config]:
+    """`Config` with every registered driver, tracker and controller filled in."""
+    device = {"link": (str, DeviceSection.model_fields["link"])}
+    drivers = {role: _union(DRIVERS, device, role) for role in ("base", "laser", "camera")}
+    fields: dict[str, Any] = {
+        **drivers,
+        "tracker": _union(TRACKERS, {}),
+        "controller": _union(CONTROLLERS, {}),
+    }
+    return create_model("Config", __base__=Config, **fields)
+
+
+def load(path: str | Path, changes: dict[str, Any] | None = None) -> Config:
+    """The config in a YAML file, or a shipped one by its name; `changes` overlay its values.
+
+    Raises ConfigError with `file:line:column` of every fault.
+    """
+    document = yaml.read(find(path))
+    if isinstance(document.value, dict):
+        for dotted, value in (changes or {}).items():
+            *sections, key = dotted.split(".")
+            target = document.value
+            for section in sections:
+                target = target.setdefault(section, {})
+            target[key] = value
+    return validate(document, schema())
+
+
+def find(path: str | Path) -> Path:
+    """The file itself, or `config/NAME.yaml` that ships with the program."""
+    if Path(path).exists() or Path(path).suffix:
+        return Path(path)
+    known = sorted(p.stem for p in shipped().glob("*.yaml"))
+    if str(path) not in known:
+        raise ConfigError(f"{path}: no such file, nor a shipped config ({', '.join(known)})")
+    return shipped(f"{path}.yaml")
+
+
+def _union(registry: Registry, extra: dict[str, Any], role: str | None = None) -> Any:
+    """(type, default) of a section: one settings class per registered kind, told apart by it."""
+    kinds = []
+    for name in registry.names():
+        cls = registry.load(name)
+        if role is None or cls.role == role:
+            fields: dict[str, Any] = {"kind": (Literal[name], ...), **extra}
+            base = cls.Settings
+            kinds.append(create_model(base.__name__, __base__=base, __doc__=base.__doc__, **fields))
+    section: Any = reduce(or_, kinds)
+    return (section, ... if len(kinds) == 1 else Field(..., discriminator="kind"))

@@ -1,0 +1,91 @@
+"""`operator: auto`: enrols whoever stands in front of the robot, confirms and arms, once.
+
+For demonstrations and benchmarks. It knows no more than the robot does: the person is the nearest
+pair of legs in the laser inside the camera's view, and the region is a body's outline projected
+into the image.
+"""
+
+from math import hypot
+
+import numpy as np
+import structlog
+
+from followerd import clock
+from followerd.control.mode import Action
+from followerd.errors import UsageError
+from followerd.geometry import Camera
+from followerd.messages import Box, Measurement, Scan
+from followerd.perception.clusters import ClusterSettings, find_clusters
+from followerd.runtime.daemon import Daemon
+
+RETRY = 0.5  # s
+NEAREST, FARTHEST = 0.8, 4.0  # m
+STRIDE = 0.6  # m, farthest apart two legs of one standing person are
+LEG_RADIUS = 0.06  # m, from a leg's visible side to its middle
+HALF_WIDTH, TOP = 0.20, 1.0  # m, of the outline: legs and hips, what the camera keeps in view
+
+log = structlog.get_logger()
+
+
+class AutoOperator:
+    """Presses the buttons a person would press, as soon as the daemon allows."""
+
+    def __init__(self, daemon: Daemon) -> None:
+        self._daemon = daemon
+        self._scan: Scan | None = None
+        daemon.measurement_watchers.append(self._look)
+
+    async def run(self) -> None:
+        """Enrol, confirm and arm; then done."""
+        while not (await self._enrol() and not self._daemon.act(Action.CONFIRM)):
+            await clock.sleep(RETRY)
+        while self._daemon.act(Action.ARM):
+            await clock.sleep(RETRY)
+
+    def _look(self, measurement: Measurement) -> None:
+        if isinstance(measurement, Scan):
+            self._scan = measurement
+
+    async def _enrol(self) -> bool:
+        image = self._daemon.vision.newest
+        if image is None or self._scan is None:
+            return False
+        legs = person_ahead(self._scan, image.camera)
+        if legs is None:
+            log.info("nobody in front of the robot to enrol")
+            return False
+        try:
+            await self._daemon.enrol(outline(image.camera, *legs), image.id)
+        except UsageError as error:
+            log.info("cannot enrol", error=str(error))
+            return False
+        return True
+
+
+def person_ahead(scan: Scan, camera: Camera) -> tuple[float, float] | None:
+    """Where (x, y in `base`, m) the nearest standing person in the camera's view has its axis."""
+    found = find_clusters(scan, scan.points(), ClusterSettings())
+    left, right = camera.bearing(0.0), camera.bearing(camera.width - 1.0)
+    fits = found.leg_like & (found.range > NEAREST) & (found.range < FARTHEST)
+    fits &= (found.bearing < left) & (found.bearing > right)
+    candidates = np.flatnonzero(fits)
+    if not candidates.size:
+        return None
+    nearest = candidates[np.argmin(found.range[candidates])]
+    gaps = np.hypot(*(found.centre[candidates] - found.centre[nearest]).T)
+    x, y = found.centre[candidates[gaps < STRIDE]].mean(axis=0)
+    longer = 1.0 + LEG_RADIUS / hypot(x, y)
+    return float(longer * x), float(longer * y)
+
+
+def outline(camera: Camera, x: float, y: float) -> Box:
+    """The visible part of the box around a body at (x, y) of `base`: legs and hips, px."""
+    distance = hypot(x, y)
+    aside = np.array([-y, x]) / distance * HALF_WIDTH
+    corners = np.array(
+        [[x + s * aside[0], y + s * aside[1], z] for s in (-1.0, 1.0) for z in (0.0, TOP)]
+    )
+    columns, rows, _ = camera.project(corners).T
+    first = max(0.0, float(columns.min())), max(0.0, float(rows.min()))
+    last = min(camera.width - 1.0, columns.max()), min(camera.height - 1.0, rows.max())
+    return Box(*first, float(last[0] - first[0]), float(last[1] - first[1]))

@@ -1,0 +1,171 @@
+"""The unix socket through which `followerd ctl` speaks to a running daemon: one JSON object a line.
+
+Request `{"do": "arm"}` or `{"do": "enrol", "region": [x, y, w, h], "frame": 12}`; answer
+`{"ok": true, ...}` or `{"ok": false, "error": "..."}`. The socket is readable by its owner only.
+"""
+
+import asyncio
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from followerd import clock
+from followerd.control.mode import Action
+from followerd.errors import DeviceError, FollowerdError, UsageError
+from followerd.messages import Box
+from followerd.runtime.daemon import Daemon
+
+LONGEST_REQUEST = 4096  # bytes
+ACTIONS = {
+    "confirm": Action.CONFIRM,
+    "arm": Action.ARM,
+    "hold": Action.HOLD,
+    "disarm": Action.DISARM,
+    "stop": Action.STOP,
+    "clear": Action.CLEAR,
+}
+REQUESTS = ("status", "enrol", *ACTIONS)
+
+
+def default_path() -> Path:
+    """`followerd.sock` in the service's, else the user's runtime directory."""
+    folder = os.environ.get("RUNTIME_DIRECTORY") or os.environ.get("XDG_RUNTIME_DIR")
+    return Path(folder or f"/tmp/followerd-{os.getuid()}") / "followerd.sock"
+
+
+async def serve(daemon: Daemon, path: Path) -> None:
+    """Answer requests until cancelled. Raises DeviceError when another daemon holds the socket."""
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if path.exists():
+        if not path.is_socket():
+            raise DeviceError("control socket", f"{path} is in the way", "remove or rename it")
+        if await _alive(path):
+            raise DeviceError(
+                "control socket", f"{path} belongs to a running daemon", "stop that one first"
+            )
+        path.unlink()
+    old_mask = os.umask(0o177)
+    try:
+        server = await asyncio.start_unix_server(
+            lambda reader, writer: _converse(daemon, reader, writer), path, limit=LONGEST_REQUEST
+        )
+    finally:
+        os.umask(old_mask)
+    try:
+        async with server:
+            await server.serve_forever()
+    finally:
+        path.unlink(missing_ok=True)
+
+
+async def ask(path: Path, request: dict[str, Any]) -> dict[str, Any]:
+    """Send one request and return the answer; raises DeviceError when no daemon listens."""
+    try:
+        reader, writer = await asyncio.open_unix_connection(path)
+    except OSError as error:
+        raise DeviceError(
+            "daemon", f"nobody listens at {path} ({error.strerror})", "is `followerd run` running?"
+        ) from None
+    writer.write(json.dumps(request).encode() + b"\n")
+    line = await clock.within(5.0, reader.readline())
+    writer.close()
+    if not line:
+        raise DeviceError("daemon", f"no answer at {path}", "restart it")
+    answer: dict[str, Any] = json.loads(line)
+    return answer
+
+
+async def answer(daemon: Daemon, line: bytes) -> dict[str, Any]:
+    """What one request line gets; a malformed one changes nothing."""
+    try:
+        request = json.loads(line)
+        do = request["do"]
+    except (ValueError, TypeError, KeyError):
+        return _refused('a request is one JSON object a line, such as {"do": "status"}')
+    if do == "status":
+        return {"ok": True, **status(daemon)}
+    if do == "enrol":
+        try:
+            region, frame = _region(request.get("region")), _frame(request.get("frame"))
+            state = await daemon.enrol(region, frame)
+        except FollowerdError as error:
+            return _refused(str(error))
+        return {"ok": True, "box": _numbers(state.box), "confidence": round(state.confidence, 3)}
+    if do not in ACTIONS:
+        return _refused(f"unknown request {do!r}; known are {', '.join(REQUESTS)}")
+    refused = daemon.act(ACTIONS[do], "ctl")
+    return _refused(refused) if refused else {"ok": True, **status(daemon)}
+
+
+def status(daemon: Daemon) -> dict[str, Any]:
+    """Mode, reasons, person and device figures as JSON values."""
+    decision = daemon.decision
+    if decision is None:
+        return {"mode": "disarmed", "reasons": ["starting"]}
+    track = decision.track
+    return {
+        "mode": decision.mode.value,
+        "reasons": [str(reason) for reason in decision.reasons],
+        "frames": daemon.stats.frames,
+        "scans": daemon.stats.scans,
+        "newest_frame": daemon.vision.newest.id if daemon.vision.newest else None,
+        "person": None
+        if track is None
+        else {
+            "phase": track.phase.value,
+            "confidence": round(track.confidence, 3),
+            "box": _numbers(track.box),
+            "range_m": None if track.range is None else round(track.range, 3),
+            "bearing_rad": None if track.bearing is None else round(track.bearing, 4),
+        },
+    }
+
+
+async def _alive(path: Path) -> bool:
+    try:
+        _, writer = await asyncio.open_unix_connection(path)
+    except OSError:
+        return False
+    writer.close()
+    return True
+
+
+async def _converse(
+    daemon: Daemon, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+) -> None:
+    try:
+        while line := await reader.readline():
+            writer.write(json.dumps(await answer(daemon, line)).encode() + b"\n")
+            await writer.drain()
+    except (ValueError, ConnectionError):  # a line longer than the limit, or a caller gone
+        pass
+    finally:
+        writer.close()
+
+
+def _region(value: object) -> Box | tuple[float, float]:
+    numbers = (
+        [float(n) for n in value]
+        if isinstance(value, list) and all(isinstance(n, int | float) for n in value)
+        else []
+    )
+    if len(numbers) == 2:
+        return numbers[0], numbers[1]
+    if len(numbers) == 4:
+        return Box(*numbers)
+    raise UsageError("region is [x, y] or [x, y, width, height] in pixels")
+
+
+def _frame(value: object) -> int | None:
+    if value is None or isinstance(value, int):
+        return value
+    raise UsageError("frame is a whole number: the id of the picture that was clicked")
+
+
+def _numbers(box: Box | None) -> list[float] | None:
+    return None if box is None else [round(v, 1) for v in (box.x, box.y, box.w, box.h)]
+
+
+def _refused(error: str) -> dict[str, Any]:
+    return {"ok": False, "error": error}

@@ -1,0 +1,101 @@
+"""The running daemon: devices in, decisions out. Everything that looks on is a watcher."""
+
+from collections.abc import Callable, Sequence
+
+import structlog
+
+from followerd import clock
+from followerd.control.mode import Action
+from followerd.errors import UsageError
+from followerd.hw.interfaces import Base, Sensor
+from followerd.messages import Box, Decision, Image, Measurement, TrackState
+from followerd.pipeline import Event, Operator, Pipeline, Tick
+from followerd.runtime.stats import Stats
+from followerd.runtime.supervisor import supervise
+from followerd.runtime.vision import Vision
+from followerd.trackers.interfaces import Tracker
+
+TICK = 0.05  # s without any event after which staleness is looked at
+
+log = structlog.get_logger()
+
+
+class Daemon:
+    """One base, its sensors, one tracker, one pipeline; lives in the event loop."""
+
+    def __init__(
+        self,
+        base: Base,
+        sensors: Sequence[Sensor],
+        tracker: Tracker,
+        pipeline: Pipeline,
+        image_work: float,
+    ) -> None:
+        self.base = base
+        self.sensors = sensors
+        self.pipeline = pipeline
+        self.vision = Vision(tracker, pipeline.ego_at, self.handle, image_work)
+        self.stats = Stats(began=clock.now())
+        self.decision: Decision | None = None
+        self.decision_watchers: list[Callable[[Decision], None]] = [self.stats.decided]
+        self.measurement_watchers: list[Callable[[Measurement], None]] = [self.stats.measured]
+        self._motors = False
+        base.on_sent = self.stats.sent
+
+    async def run(self) -> None:
+        """Run until cancelled or until a device proves unusable (DeviceError)."""
+        sensors = (self.base, *self.sensors)
+        devices = [supervise(sensor, self.take, self.handle) for sensor in sensors]
+        try:
+            await clock.together(*devices, self.vision.run(), self._tick(), self.stats.watch_lag())
+        finally:
+            self.stats.finish(clock.now())
+
+    def take(self, measurement: Measurement) -> None:
+        """A device measured something."""
+        for watch in self.measurement_watchers:
+            watch(measurement)
+        if isinstance(measurement, Image):
+            self.vision.offer(measurement)
+        else:
+            self.handle(measurement)
+
+    def handle(self, event: Event) -> Decision:
+        """One event through the pipeline, and its command to the base."""
+        decision = self.pipeline.step(event, clock.now())
+        if decision.motors is not self._motors:
+            self._motors = decision.motors
+            self.base.enable_motors(decision.motors)
+        self.base.drive(decision.command)
+        if self.decision is None or decision.mode is not self.decision.mode:
+            reasons = [str(reason) for reason in decision.reasons]
+            log.info("mode", mode=decision.mode.value, reasons=reasons)
+        self.decision = decision
+        for watch in self.decision_watchers:
+            watch(decision)
+        return decision
+
+    async def enrol(
+        self, region: Box | tuple[float, float], frame_id: int | None = None
+    ) -> TrackState:
+        """Enrol a person; he must be confirmed before arming. Raises UsageError."""
+        refused = self.handle(Operator(Action.ENROL)).refused
+        if refused:
+            raise UsageError(refused)
+        state = await self.vision.enrol(region, frame_id)
+        log.info("enrolled", box=state.box, confidence=round(state.confidence, 2))
+        return state
+
+    def act(self, action: Action, session: str = "") -> str:
+        """An operator's action; returns why it was refused, or an empty string."""
+        decision = self.handle(Operator(action, session))
+        log.info("operator", action=action.value, refused=decision.refused or None)
+        return decision.refused
+
+    async def _tick(self) -> None:
+        while True:
+            newest = -TICK if self.decision is None else self.decision.stamp
+            if clock.now() - newest < TICK:
+                await clock.sleep_until(newest + TICK)
+            else:
+                self.handle(Tick())

@@ -1,0 +1,123 @@
+"""The image tracker works on the newest frame; enrolment honours the frame that was clicked."""
+
+import asyncio
+import threading
+
+import numpy as np
+import pytest
+
+from followerd import clock
+from followerd.errors import UsageError
+from followerd.geometry import Camera, Pose2
+from followerd.messages import Box, Image, Odometry, Scan, TrackPhase, TrackState
+from followerd.pipeline import Tracked
+from followerd.runtime.vision import HISTORY, Vision
+
+CAMERA = Camera.from_hfov(64, 48, 0.8)
+
+
+def frame(number: int) -> Image:
+    stamp = number / 15
+    return Image(number, stamp, stamp, np.zeros((48, 64, 3), np.uint8), CAMERA)
+
+
+class Recorder:
+    """A tracker that notes what it is given; `gate` makes it slow."""
+
+    needs = frozenset({"image"})
+
+    def __init__(self) -> None:
+        self.calls: list[tuple[str, int]] = []
+        self.gate: threading.Event | None = None
+
+    def enrol(
+        self, image: Image, region: Box | tuple[float, float], ego: Pose2 | None
+    ) -> TrackState:
+        self.calls.append(("enrol", image.id))
+        return TrackState(image.stamp, TrackPhase.TENTATIVE, 1.0, image.id)
+
+    def step(self, measurement: Image | Scan | Odometry, ego: Pose2 | None) -> TrackState | None:
+        assert isinstance(measurement, Image)
+        if self.gate is not None:
+            self.gate.wait(5.0)
+        self.calls.append(("step", measurement.id))
+        return TrackState(measurement.stamp, TrackPhase.CONFIRMED, 1.0, measurement.id)
+
+    def forget(self) -> None:
+        self.calls.append(("forget", -1))
+
+
+def no_ego(stamp: float) -> None:
+    return None
+
+
+async def test_while_the_tracker_works_only_the_newest_frame_waits() -> None:
+    tracker, results = Recorder(), list[Tracked]()
+    tracker.gate = threading.Event()
+    vision = Vision(tracker, no_ego, results.append, work=0.0)
+    task = asyncio.create_task(vision.run())
+    vision.offer(frame(0))
+    await clock.sleep(0.05)
+    for number in (1, 2, 3):
+        vision.offer(frame(number))
+        await clock.sleep(0.0)
+    tracker.gate.set()
+    while len(results) < 2:
+        await clock.sleep(0.005)
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+    assert [result.frame_id for result in results] == [0, 3]
+    assert vision.dropped == 2
+
+
+def virtual_vision(tracker: Recorder) -> tuple[Vision, list[Tracked]]:
+    """A vision and the results it delivers."""
+    results: list[Tracked] = []
+    return Vision(tracker, no_ego, results.append, work=0.01), results
+
+
+def test_in_virtual_time_the_result_comes_after_the_modelled_duration() -> None:
+    async def main() -> float:
+        stamps: list[float] = []
+        vision = Vision(Recorder(), no_ego, lambda _: stamps.append(clock.now()), work=0.01)
+        task = asyncio.create_task(vision.run())
+        vision.offer(frame(0))
+        await clock.sleep(1.0)
+        task.cancel()
+        return stamps[0]
+
+    assert clock.run_virtual(main()) == pytest.approx(0.01)
+
+
+def test_enrolling_on_an_older_frame_catches_up_through_the_newer_ones() -> None:
+    async def main() -> list[tuple[str, int]]:
+        tracker = Recorder()
+        vision, results = virtual_vision(tracker)
+        task = asyncio.create_task(vision.run())
+        for number in range(5):
+            vision.offer(frame(number))
+            await clock.sleep(1 / 15)
+        tracker.calls.clear()
+        await vision.enrol((3.0, 4.0), 2)
+        task.cancel()
+        assert results[-1].frame_id == 4
+        return tracker.calls
+
+    assert clock.run_virtual(main()) == [("enrol", 2), ("step", 3), ("step", 4)]
+
+
+@pytest.mark.parametrize(("frames", "wanted"), [(0, None), (HISTORY + 5, 1), (3, 99)])
+def test_enrolling_on_a_frame_that_is_gone_says_so(frames: int, wanted: int | None) -> None:
+    async def main() -> None:
+        vision, _ = virtual_vision(Recorder())
+        task = asyncio.create_task(vision.run())
+        for number in range(frames):
+            vision.offer(frame(number))
+            await clock.sleep(1 / 15)
+        try:
+            await vision.enrol((3.0, 4.0), wanted)
+        finally:
+            task.cancel()
+
+    with pytest.raises(UsageError, match=r"frame|image"):
+        clock.run_virtual(main())
