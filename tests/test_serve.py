@@ -78,7 +78,7 @@ async def test_bytes_take_their_line_time_there_and_back(tmp_path: Path) -> None
             start = clock.now()
             stream.write(bytes(96))
             await read_exactly(stream, 96)
-            assert clock.now() - start >= (62 + 96) * 10 / 9600 - 1e-3  # 62 there, then all back
+            assert clock.now() - start >= (15 + 96) * 10 / 9600 - 1e-3  # 15 there, then all back
             stream.close()
 
 
