@@ -1,0 +1,837 @@
+"""The base driver against the simulated base, over a line at its rate, in virtual time."""
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager, suppress
+from math import degrees, pi, radians
+from typing import Any
+
+import numpy as np
+import pytest
+
+from followerd import clock
+from followerd.errors import DeviceError, LinkLost, SetupError
+from followerd.geometry import Pose2, wrap_angle
+from followerd.hw.interfaces import Base
+from followerd.hw.p2os.commands import BAUDS, Cmd, Request, command
+from followerd.hw.p2os.driver import SWEEP, P2osBase, P2osSettings
+from followerd.hw.p2os.models import MODELS
+from followerd.hw.p2os.odometer import Odometer
+from followerd.hw.p2os.protocol import PacketDecoder, frame
+from followerd.hw.p2os.sip import WRAP, Sip, Tail
+from followerd.hw.stream import Received
+from followerd.messages import Command, Measurement, Odometry, TurnBy, Twist, WheelSpeeds, Wish
+from followerd.sim.line import Line
+from followerd.sim.twins.p2os import P2osTwin
+from tests.p2os_body import FloorBody
+
+HALT = [(Cmd.STOP, None), (Cmd.VEL, 0), (Cmd.RVEL, 0)]
+STOPPING = {*HALT, (Cmd.E_STOP, None), (Cmd.ENABLE, 0)}
+
+Heard = tuple[int, int | bytes | None]
+
+
+class RecordingTwin(P2osTwin):
+    """Keeps what reached it in readable form."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self.heard: list[Heard] = []
+        self.heard_at: list[float] = []
+        self._ear = PacketDecoder()
+
+    def receive(self, data: bytes, now: float) -> None:
+        for packet in self._ear.feed(data):
+            request = Request.parse(packet.payload)
+            self.heard.append((request.number, request.argument))
+            self.heard_at.append(now)
+        super().receive(data, now)
+
+
+class Bench:
+    """A twin, its line, and drivers that come and go."""
+
+    def __init__(self, **options: Any) -> None:
+        self.body = FloorBody()
+        self.twin = RecordingTwin(self.body, np.random.default_rng(1), **options)
+        self.line = Line(self.twin, np.random.default_rng(2), "robot")
+        self.seen: list[Odometry] = []
+        self.sent: list[tuple[Command, float]] = []
+        self.base = P2osBase(P2osSettings(), self.line.link)
+        self._running: asyncio.Task[None] | None = None
+
+    @property
+    def newest(self) -> Odometry:
+        return self.seen[-1]
+
+    def _see(self, measurement: Measurement) -> None:
+        assert isinstance(measurement, Odometry)
+        self.seen.append(measurement)
+
+    def start(self, settings: P2osSettings | None = None) -> asyncio.Task[None]:
+        """A new driver on the same line."""
+        self.base = P2osBase(settings or P2osSettings(), self.line.link)
+        contract: Base = self.base
+        assert contract.name == "base"
+        return self.restart()
+
+    def restart(self) -> asyncio.Task[None]:
+        """The same driver again."""
+        if self._running is not None:
+            assert isinstance(self._running.exception(), DeviceError)
+        self.base.on_sent = lambda *sent: self.sent.append(sent)
+        self._running = asyncio.create_task(self.base.run(self._see))
+        return self._running
+
+    async def connect(self, settings: P2osSettings | None = None, within: float = 15.0) -> None:
+        self.start(settings)
+        await self.is_up(within)
+
+    async def is_up(self, within: float = 15.0) -> None:
+        deadline = clock.now() + within
+        while self.base.caps is None:
+            if self._running is not None and self._running.done():
+                await self._running
+            assert clock.now() < deadline, "not connected in time"
+            await clock.sleep(0.01)
+
+    async def motors_on(self) -> None:
+        self.base.enable_motors(True)
+        await clock.sleep(0.5)
+        assert self.newest.motors_enabled
+
+    async def leave(self) -> None:
+        if self._running is not None:
+            self._running.cancel()
+            with suppress(asyncio.CancelledError, DeviceError):
+                await self._running
+
+    async def drive(self, motion: Wish, seconds: float, period: float = 0.05) -> None:
+        """Fresh commands for a while, each good for 0.25 s."""
+        end = clock.now() + seconds
+        while clock.now() < end - 1e-9:
+            self.base.drive(Command(clock.now(), motion, clock.now() + 0.25))
+            await clock.sleep(period)
+
+
+@asynccontextmanager
+async def bench(**options: Any) -> AsyncIterator[Bench]:
+    made = Bench(**options)
+    pump = asyncio.create_task(made.line.run())
+    try:
+        yield made
+    finally:
+        await made.leave()
+        assert made.twin.faults == []
+        pump.cancel()
+
+
+def story(told: Callable[[], Awaitable[None]]) -> None:
+    """Run a test in virtual time."""
+
+    async def main() -> None:
+        await told()
+
+    clock.run_virtual(main())
+
+
+def test_it_connects_sets_limits_and_raises_the_line_rate() -> None:
+    async def told() -> None:
+        async with bench() as b:
+            await b.connect(within=2.0)
+            assert b.twin.heard[:6] == [*HALT, (0, None), (1, None), (2, None)]
+            assert b.twin.baud == 38400
+            await clock.sleep(0.2)
+            for wanted in [
+                (Cmd.SETV, 700),
+                (Cmd.SETA, 500),
+                (Cmd.SETA, -500),
+                (Cmd.SETRV, 100),
+                (Cmd.SETRA, 100),
+                (Cmd.SETRA, -100),
+                (Cmd.SONAR, 1),
+            ]:
+                assert wanted in b.twin.heard
+            assert not b.newest.motors_enabled
+            assert b.newest.base_id == "followerd_twin / Pioneer / p3dx-sh"
+            assert b.newest.battery == 12.4
+            assert (Cmd.PULSE, None) not in b.twin.heard[4:]
+
+    story(told)
+
+
+def prepare(*numbers: int) -> Callable[[P2osTwin], None]:
+    """A twin that has heard this already."""
+
+    def apply(twin: P2osTwin) -> None:
+        for number in numbers:
+            twin.receive(command(number), 0.0)
+
+    return apply
+
+
+def driving_at(code: int) -> Callable[[P2osTwin], None]:
+    """A session left open at another line rate, while driving."""
+
+    def apply(twin: P2osTwin) -> None:
+        prepare(0, 1, 2, 1)(twin)
+        for number, value in ((Cmd.ENABLE, 1), (Cmd.HOSTBAUD, code), (Cmd.VEL, 400)):
+            twin.receive(command(number, value), 0.0)
+
+    return apply
+
+
+COLD_STATES: dict[str, Callable[[P2osTwin], None]] = {
+    "waiting": prepare(),
+    "after SYNC0": prepare(0),
+    "after SYNC1": prepare(0, 1),
+    "connected, servers closed": prepare(0, 1, 2),
+    "session open": prepare(0, 1, 2, 1),
+    **{f"driving at {baud}": driving_at(code) for code, baud in enumerate(BAUDS)},
+}
+
+
+@pytest.mark.parametrize("state", COLD_STATES)
+def test_it_connects_from_whatever_state_the_base_was_left_in(state: str) -> None:
+    async def told() -> None:
+        async with bench() as b:
+            COLD_STATES[state](b.twin)
+            b.twin.step(0.0)
+            await b.connect()
+            assert b.twin.is_open
+            await b.motors_on()
+            await b.drive(Twist(0.2, 0.0), 1.0)
+            assert b.newest.twist.v == pytest.approx(0.2)
+
+    story(told)
+
+
+@pytest.mark.parametrize("left_alone", [0.1, 3.0])
+@pytest.mark.parametrize("code", [0, 2])
+def test_reconnecting_after_a_crash_at_speed_never_moves_the_robot_again(
+    code: int, left_alone: float
+) -> None:
+    async def told() -> None:
+        async with bench(auto_baud=2 if code else 0) as b:
+            await b.connect()
+            await b.motors_on()
+            await b.drive(Twist(0.5, 0.3), 2.0)
+            b.line.unplug()  # as if killed: no farewell
+            await clock.sleep(left_alone)
+            b.line.replug()
+            stood = b.twin.is_held and b.body.is_still
+            rolled = b.body.rolled
+            fastest = 0.0
+            b.start()
+            while b.base.caps is None:
+                await clock.sleep(0.005)
+                fastest = max(fastest, *map(abs, b.body.speeds))
+            if left_alone > 2:
+                assert b.body.rolled == rolled
+                assert stood
+            assert fastest <= 0.56
+            assert b.body.is_still
+            await b.motors_on()
+            await clock.sleep(1.0)
+            assert b.body.is_still
+
+    story(told)
+
+
+class SilentLink:
+    """Nobody is at the other end; itself its only stream. Keeps what was written at which rate."""
+
+    name = "nowhere"
+
+    def __init__(self) -> None:
+        self.baud = 0
+        self.written: list[tuple[int, bytes]] = []
+
+    async def open(self, device: str, baud: int) -> "SilentLink":
+        self.baud = baud
+        return self
+
+    async def read(self) -> Received:
+        await clock.sleep(1e6)
+        return Received(b"", 0.0)
+
+    def write(self, data: bytes) -> None:
+        self.written.append((self.baud, data))
+
+    async def drain(self) -> None: ...
+
+    def set_baud(self, baud: int) -> None:
+        self.baud = baud
+
+    def discard_input(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
+def test_what_stops_the_robot_precedes_the_first_sync_at_every_line_rate() -> None:
+    link = SilentLink()
+
+    async def told() -> None:
+        with pytest.raises(LinkLost, match="nobody answers; switch the robot on"):
+            await P2osBase(P2osSettings(), link).run(lambda _: None)
+        assert clock.now() < 10.0
+
+    story(told)
+    for baud in SWEEP:
+        at_rate = b"".join(data for rate, data in link.written if rate == baud)
+        numbers = [Request.parse(p.payload).number for p in PacketDecoder().feed(at_rate)]
+        assert numbers[:4] == [Cmd.STOP, Cmd.VEL, Cmd.RVEL, 0]
+        assert Cmd.CLOSE in numbers  # a base that is connected without servers hears this only
+
+
+class Babbling(RecordingTwin):
+    """Answers the first SYNCs wrongly."""
+
+    wrong: tuple[bytes, ...] = (b"\x02", b"\xff", b"\x01")
+
+    def _send(self, payload: bytes) -> None:
+        if len(payload) == 1 and self.wrong:
+            payload, self.wrong = self.wrong[0], self.wrong[1:]
+        super()._send(payload)
+
+
+def test_wrong_echoes_start_the_count_anew() -> None:
+    async def told() -> None:
+        async with bench() as b:
+            b.twin = Babbling(b.body, np.random.default_rng(1))
+            b.line = Line(b.twin, np.random.default_rng(2), "robot")
+            pump = asyncio.create_task(b.line.run())
+            await b.connect()
+            assert b.twin.wrong == ()
+            await b.leave()
+            pump.cancel()
+
+    story(told)
+
+
+def test_a_base_that_never_answers_rightly_is_given_up() -> None:
+    class Hopeless(Babbling):
+        wrong = (b"\xff",) * 1000
+
+    async def told() -> None:
+        line = Line(
+            Hopeless(FloorBody(), np.random.default_rng(1)), np.random.default_rng(2), "robot"
+        )
+        pump = asyncio.create_task(line.run())
+        with pytest.raises(LinkLost, match="never rightly"):
+            await P2osBase(P2osSettings(), line.link).run(lambda _: None)
+        pump.cancel()
+
+    story(told)
+
+
+def test_a_base_that_sends_no_status_is_given_up() -> None:
+    async def told() -> None:
+        async with bench(sip_cycle=60.0) as b:
+            with pytest.raises(LinkLost, match="sends no status packets"):
+                await b.start()
+
+    story(told)
+
+
+def test_an_unknown_robot_is_refused_by_name_unless_the_config_says_what_it_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(MODELS, "p9xx", MODELS["p3dx-sh"])
+    twin_model = "p9xx"
+
+    async def told() -> None:
+        async with bench(model=twin_model) as b:
+            monkeypatch.delitem(MODELS, "p9xx")
+            with pytest.raises(
+                SetupError, match=r"unknown robot type 'p9xx'.*base\.model.*p3at-sh"
+            ):
+                await b.start()
+            assert not b.twin.is_connected
+            await b.connect(P2osSettings(model="P3AT-SH"))
+
+    story(told)
+
+
+@pytest.mark.parametrize(
+    ("options", "speed"),
+    [
+        ({}, 0.7),
+        ({"watchdog": 4.0}, 0.35),  # 1.4 m blind at most
+        ({"watchdog": 4.0, "config_checksum_is_wrong": True}, 0.35),
+        ({"watchdog": 1.0}, 0.7),
+        ({"watchdog": 4.0, "answers_config": False}, 0.7),  # unknown: 2 s are assumed
+    ],
+)
+def test_speed_is_capped_by_what_the_firmwares_watchdog_allows(
+    options: dict[str, Any], speed: float
+) -> None:
+    async def told() -> None:
+        async with bench(**options) as b:
+            await b.connect()
+            assert b.base.caps is not None
+            assert b.base.caps.speed == pytest.approx(speed)
+            await clock.sleep(0.3)
+            assert (Cmd.SETV, round(1000 * speed)) in b.twin.heard
+
+    story(told)
+
+
+@pytest.mark.parametrize("options", [{"auto_baud": 1}, {"answers_config": False}])
+def test_the_line_rate_stays_where_it_cannot_be_raised(options: dict[str, Any]) -> None:
+    async def told() -> None:
+        async with bench(**options) as b:
+            await b.connect()
+            assert b.twin.baud == 9600
+            await b.motors_on()
+            await b.drive(Twist(0.3, 0.2), 2.0)
+            assert b.newest.twist.v == pytest.approx(0.3)
+
+    story(told)
+
+
+def test_a_base_that_does_not_follow_to_the_new_line_rate_is_met_at_the_old_one() -> None:
+    class Stubborn(RecordingTwin):
+        def _serve(self, request: Request) -> None:
+            if request.number != Cmd.HOSTBAUD:
+                super()._serve(request)
+
+    async def told() -> None:
+        async with bench() as b:
+            b.twin = Stubborn(b.body, np.random.default_rng(1))
+            b.line = Line(b.twin, np.random.default_rng(2), "robot")
+            pump = asyncio.create_task(b.line.run())
+            await b.connect()
+            await clock.sleep(1.0)
+            assert b.newest.received > clock.now() - 0.11
+            await b.leave()
+            pump.cancel()
+
+    story(told)
+
+
+@pytest.mark.parametrize("tail", [Tail.P2OS, Tail.BATTERY_X10, Tail.STATE_OF_CHARGE])
+@pytest.mark.parametrize("model", ["p3dx", "p3dx-sh", "p2dx"])
+def test_odometry_agrees_with_what_the_body_did(model: str, tail: Tail) -> None:
+    async def told() -> None:
+        async with bench(model=model, tail=tail) as b:
+            await b.connect()
+            b.base.enable_motors(True)
+            await clock.sleep(0.5)
+            await b.drive(Twist(0.5, 0.4), 4.0)
+            await b.drive(Twist(-0.2, -0.7), 2.0)
+            b.base.drive(Command(clock.now()))
+            await clock.sleep(2.0)
+            pose, true = b.newest.pose, b.body.pose
+            assert (pose.x, pose.y) == pytest.approx((true.x, true.y), abs=0.01)
+            assert wrap_angle(pose.theta - true.theta) == pytest.approx(0, abs=0.01)
+            assert b.newest.twist == Twist()
+
+    story(told)
+
+
+def test_the_pose_goes_on_across_sessions_and_counter_resets() -> None:
+    async def told() -> None:
+        async with bench() as b:
+            await b.connect()
+            await b.motors_on()
+            await b.drive(Twist(0.5, 0.5), 3.0)
+            before = b.newest.pose
+            b.twin.receive(command(Cmd.SETO), clock.now())
+            await clock.sleep(0.12)
+            after = b.newest.pose
+            assert (after.x, after.y) == pytest.approx((before.x, before.y), abs=0.1)
+            await clock.sleep(2.0)
+            stood = b.newest.pose
+            b.twin.drop_session()
+            await clock.sleep(0.4)
+            b.restart()
+            await b.is_up()
+            gone = ~stood @ b.newest.pose
+            assert (gone.x, gone.y, gone.theta) == pytest.approx((0, 0, 0), abs=1e-9)
+
+    story(told)
+
+
+def test_stamps_are_those_of_the_first_byte() -> None:
+    async def told() -> None:
+        async with bench() as b:
+            await b.connect()
+            await clock.sleep(0.5)
+            cycle = b.newest.stamp * 10
+            assert b.newest.received - b.newest.stamp == pytest.approx(0.0155, abs=0.004)
+            stamps = np.array([o.stamp for o in b.seen[-4:]])
+            assert np.diff(stamps) == pytest.approx(0.1, abs=1e-6)
+            assert cycle > 0
+
+    story(told)
+
+
+def test_sonar_is_reported_where_the_disc_sits() -> None:
+    async def told() -> None:
+        async with bench() as b:
+            b.body.echo = 1.2
+            await b.connect()
+            readings = {r.disc: r for o in b.seen for r in o.sonar}
+            assert set(readings) == set(range(16))
+            assert readings[3].pose == Pose2(0.166, 0.027, radians(10))
+            assert readings[3].range == pytest.approx(1.2, abs=0.06)
+
+    story(told)
+
+
+def test_when_commands_stop_coming_the_robot_stops() -> None:
+    async def told() -> None:
+        async with bench() as b:
+            await b.connect()
+            await b.motors_on()
+            await b.drive(Twist(0.6, 0.0), 2.0)
+            last = clock.now() - 0.05
+            await clock.sleep(0.02)
+            first = len(b.twin.heard)
+            await clock.sleep(3.0)
+            told_at = b.twin.heard_at[first:]
+            assert b.twin.heard[first : first + 3] == HALT
+            assert told_at[0] <= last + 0.25 + 0.01
+            assert set(b.twin.heard[first:]) <= STOPPING
+            assert b.body.is_still
+            count = len(b.twin.heard)
+            await clock.sleep(5.0)  # standing: nothing keeps the firmware's watchdog quiet
+            assert len(b.twin.heard) == count
+            assert b.twin.is_held
+
+    story(told)
+
+
+def test_a_stop_is_on_the_wire_within_milliseconds() -> None:
+    async def told() -> None:
+        async with bench() as b:
+            await b.connect()
+            await b.motors_on()
+            await b.drive(Twist(0.6, 0.0), 1.0)
+            stop = Command(clock.now())
+            b.base.drive(stop)
+            assert b.sent[-1] == (stop, clock.now())
+            await clock.sleep(0.008)
+            assert b.twin.heard[-3:] == HALT
+
+    story(told)
+
+
+def test_commands_are_reported_when_written() -> None:
+    async def told() -> None:
+        async with bench() as b:
+            await b.connect()
+            await b.motors_on()
+            first = Command(clock.now(), Twist(0.2, 0.0), clock.now() + 0.25)
+            b.base.drive(first)
+            b.base.drive(Command(clock.now(), Twist(0.2, 0.0), clock.now() + 0.3))
+            assert b.sent == [(first, clock.now())]
+
+    story(told)
+
+
+def test_an_emergency_stop_brakes_harder() -> None:
+    async def told() -> None:
+        async with bench() as b:
+            await b.connect()
+            await b.motors_on()
+            await b.drive(Twist(0.7, 0.0), 2.0)
+            b.base.drive(Command(clock.now(), emergency=True))
+            await clock.sleep(0.25)
+            assert b.body.is_still
+            await clock.sleep(1.0)
+            assert b.twin.heard[-3:] == HALT
+
+    story(told)
+
+
+def test_wheels_and_turns_do_what_they_say() -> None:
+    async def told() -> None:
+        async with bench() as b:
+            await b.connect()
+            await b.motors_on()
+            await b.drive(WheelSpeeds(0.1, 0.2), 1.5)
+            assert b.body.speeds == pytest.approx((0.1, 0.2), abs=0.005)
+            b.base.drive(Command(clock.now()))
+            await clock.sleep(1.0)
+            goal = wrap_angle(b.newest.pose.theta + radians(120))
+            for _ in range(100):
+                rest = wrap_angle(goal - b.newest.pose.theta)
+                await b.drive(TurnBy(rest), 0.05)
+            assert degrees(wrap_angle(goal - b.body.pose.theta)) == pytest.approx(0, abs=1.5)
+
+    story(told)
+
+
+def test_commands_are_dropped_while_not_connected_and_while_motors_are_off() -> None:
+    async def told() -> None:
+        async with bench() as b:
+            b.base.drive(Command(clock.now(), Twist(0.5), clock.now() + 1.0))
+            b.start()
+            for _ in range(30):  # during set-up
+                await b.drive(Twist(0.5, 0.0), 0.05)
+            await b.is_up()
+            await b.drive(Twist(0.5, 0.0), 1.0)
+            await b.motors_on()
+            await clock.sleep(1.0)
+            assert b.body.rolled == 0.0
+            assert {r for r in b.twin.heard if r[0] == Cmd.VEL} == {(Cmd.VEL, 0)}
+
+    story(told)
+
+
+def test_motors_go_off_at_once_when_asked() -> None:
+    async def told() -> None:
+        async with bench() as b:
+            await b.connect()
+            await b.motors_on()
+            await b.drive(Twist(0.3, 0.0), 1.0)
+            b.base.enable_motors(False)
+            await clock.sleep(0.2)
+            assert not b.newest.motors_enabled
+            await clock.sleep(1.0)
+            await b.motors_on()
+            assert b.body.is_still
+
+    story(told)
+
+
+def test_after_the_stop_button_only_the_person_switches_the_motors_on() -> None:
+    async def told() -> None:
+        async with bench() as b:
+            await b.connect()
+            await b.motors_on()
+            await b.drive(Twist(0.3, 0.0), 1.0)
+            b.twin.press_stop_button(True)
+            await clock.sleep(0.3)
+            assert b.newest.stop_button
+            b.twin.press_stop_button(False)
+            await clock.sleep(0.3)
+            heard = len(b.twin.heard)
+            b.base.enable_motors(True)
+            await b.drive(Twist(0.3, 0.0), 2.0)
+            assert (Cmd.ENABLE, 1) not in b.twin.heard[heard:]
+            assert b.body.is_still
+            b.twin.press_motors_button()
+            await clock.sleep(0.3)
+            assert b.body.is_still
+            assert b.newest.motors_enabled
+            await b.drive(Twist(0.3, 0.0), 1.0)
+            assert not b.body.is_still
+
+    story(told)
+
+
+def test_stall_and_bumpers_are_reported() -> None:
+    async def told() -> None:
+        async with bench() as b:
+            await b.connect()
+            await b.motors_on()
+            await b.drive(Twist(0.3, 0.0), 1.0)
+            b.body.blocked, b.body.bumpers = (False, True), (0b10, 0b1)
+            await b.drive(Twist(0.3, 0.0), 1.0)
+            assert (b.newest.bumpers_front, b.newest.bumpers_rear) == (0b10, 0b1)
+            assert any(o.wheel_stall == (False, True) for o in b.seen) or b.body.is_still
+
+    story(told)
+
+
+@pytest.mark.parametrize("auto_baud", [0, 2])
+def test_a_silent_base_is_lost_within_350_ms_and_told_to_stop(auto_baud: int) -> None:
+    async def told() -> None:
+        async with bench(auto_baud=auto_baud) as b:
+            await b.connect()
+            await b.motors_on()
+            await b.drive(Twist(0.3, 0.0), 1.0)
+            running = b._running
+            assert running is not None
+            b.twin.drop_session()
+            heard = len(b.twin.heard)
+            with pytest.raises(LinkLost, match=r"silent for 0\.35 s"):
+                await running
+            assert clock.now() - b.newest.received <= 0.35 + 1e-9
+            await clock.sleep(0.1)
+            if not auto_baud:  # else it fell back to another line rate and hears noise
+                assert b.twin.heard[heard:][-3:] == HALT
+
+    story(told)
+
+
+def test_two_lost_status_packets_alone_are_no_reason_to_stop() -> None:
+    async def told() -> None:
+        async with bench() as b:
+            await b.connect()
+            running = b._running
+            for _ in range(5):
+                b.twin._next_sip += 0.2
+                await clock.sleep(0.5)
+            assert running is not None
+            assert not running.done()
+
+    story(told)
+
+
+def test_a_pulled_cable_is_noticed_at_once() -> None:
+    async def told() -> None:
+        async with bench() as b:
+            await b.connect()
+            running = b._running
+            assert running is not None
+            b.line.unplug()
+            began = clock.now()
+            with pytest.raises(LinkLost, match="unplugged"):
+                await running
+            assert clock.now() - began < 0.01
+            b.base.drive(Command(clock.now(), Twist(0.3), clock.now() + 1))
+            assert b.base.caps is None
+
+    story(told)
+
+
+@pytest.mark.parametrize("note", [0xFE, 0xFF])
+def test_a_controller_reset_ends_the_session(note: int) -> None:
+    async def told() -> None:
+        async with bench(auto_baud=0) as b:
+            await b.connect()
+            running = b._running
+            assert running is not None
+            b.twin.reboot(note)
+            with pytest.raises(LinkLost, match="controller was reset"):
+                await running
+            b.restart()
+            await b.is_up()
+
+    story(told)
+
+
+def test_it_takes_leave_in_an_orderly_way() -> None:
+    async def told() -> None:
+        async with bench() as b:
+            await b.connect()
+            await b.motors_on()
+            await b.drive(Twist(0.3, 0.0), 1.0)
+            began = clock.now()
+            await b.leave()
+            assert clock.now() - began <= 0.5
+            await clock.sleep(0.1)
+            assert b.twin.heard[-5:] == [*HALT, (Cmd.ENABLE, 0), (Cmd.CLOSE, None)]
+            assert b.twin.heard_at[-1] - b.twin.heard_at[-2] >= 0.08
+            assert not b.twin.is_connected
+
+    story(told)
+
+
+def test_garbage_between_packets_costs_none_of_them() -> None:
+    async def told() -> None:
+        async with bench() as b:
+            await b.connect()
+            count = len(b.seen)
+            for _ in range(20):
+                await clock.sleep(0.05)
+                b.twin._out += b"\xfa\xfb\xfa\x00\xfb"
+                await clock.sleep(0.05)
+            assert len(b.seen) - count >= 19
+
+    story(told)
+
+
+def test_a_false_header_delays_status_by_one_packet_at_most() -> None:
+    async def told() -> None:
+        async with bench() as b:
+            await b.connect()
+            running = b._running
+            for _ in range(5):
+                await clock.sleep(0.33)
+                b.twin._out += b"\xfa\xfb\xff"
+            assert running is not None
+            assert not running.done()
+            stamps = np.array([o.stamp for o in b.seen[-12:]])
+            assert np.diff(stamps) == pytest.approx(0.1, abs=0.002)
+
+    story(told)
+
+
+def test_one_damaged_packet_in_a_hundred_is_no_reason_to_stop() -> None:
+    class OnABadLine(RecordingTwin):
+        def step(self, now: float) -> bytes:
+            data = bytearray(super().step(now))
+            if data and self._rng.random() < 0.01:
+                data[self._rng.integers(len(data))] ^= 1 << self._rng.integers(8)
+            return bytes(data)
+
+        _rng = np.random.default_rng(3)
+
+    async def told() -> None:
+        async with bench() as b:
+            b.twin = OnABadLine(b.body, np.random.default_rng(1))
+            b.line = Line(b.twin, np.random.default_rng(2), "robot")
+            pump = asyncio.create_task(b.line.run())
+            await b.connect()
+            await b.motors_on()
+            await b.drive(Twist(0.2, 0.3), 60.0, period=0.1)
+            assert {o.twist.v for o in b.seen[-500:]} == {0.2}
+            assert len(b.seen) > 580
+            await b.leave()
+            pump.cancel()
+
+    story(told)
+
+
+def steps(model: str, path: list[tuple[float, float, float]]) -> list[Sip]:
+    """Status packets along a path of (x m, y m, heading rad), a second apart at full speed."""
+    unit = 1000 / MODELS[model].distance
+    return [
+        Sip(
+            x_raw=round(x * unit) % WRAP,
+            y_raw=round(y * unit) % WRAP,
+            heading_raw=round(theta * 4096 / (2 * pi)) % 4096 - 2048,
+            left=1000,
+            right=1000,
+        )
+        for x, y, theta in path
+    ]
+
+
+@pytest.mark.parametrize("model", ["p3dx", "p3dx-sh", "p3at"])
+def test_counters_may_wrap_any_time(model: str) -> None:
+    path = [(0.7 * i, -0.7 * i, 0.3 * i) for i in range(100)]  # 70 m each way
+    odometer = Odometer(MODELS[model])
+    for second, sip in enumerate(steps(model, path)):
+        odometer.update(sip, float(second))
+    # the frame of the first packet is turned by half a circle
+    assert odometer.pose.x == pytest.approx(-99 * 0.7, abs=0.01)
+    assert odometer.pose.y == pytest.approx(99 * 0.7, abs=0.01)
+    assert wrap_angle(odometer.pose.theta - 99 * 0.3) == pytest.approx(0, abs=0.002)
+    assert odometer.jumps == 0
+
+
+def test_a_counter_that_was_set_is_no_motion() -> None:
+    odometer = Odometer(MODELS["p3dx-sh"], Pose2(1.0, 2.0, 0.5))
+    still = Sip(x_raw=500, y_raw=20, heading_raw=700)
+    odometer.update(still, 0.0)
+    odometer.update(Sip(), 0.1)
+    assert (odometer.pose.x, odometer.pose.y) == pytest.approx((1.0, 2.0))
+    assert odometer.pose.theta == pytest.approx(0.5)
+    assert odometer.jumps == 1
+    odometer.rebase()
+    odometer.update(still, 0.2)
+    assert odometer.pose.theta == pytest.approx(0.5)
+    assert odometer.jumps == 1
+
+
+def test_a_packet_that_lies_about_its_length_or_is_absurd_is_skipped() -> None:
+    async def told() -> None:
+        async with bench() as b:
+            await b.connect()
+            running = b._running
+            payload = bytearray(Sip(sonar=((1, 5),)).to_payload())
+            payload[19] = 200
+            b.twin._out += frame(bytes(payload)) + frame(b"\x20junk") + frame(b"\x63?")
+            b.twin._out += frame(Sip(left=30_000).to_payload())
+            await clock.sleep(0.5)
+            assert running is not None
+            assert not running.done()
+            assert {o.twist for o in b.seen} == {Twist()}
+
+    story(told)
