@@ -8,7 +8,7 @@ from followerd import __version__
 from followerd.errors import FollowerdError
 
 COMMANDS = {
-    "demo": "followerd.cli.run:demo",
+    "demo": "followerd.cli.demo:demo",
     "run": "followerd.cli.run:run",
     "sim": "followerd.cli.sim:sim",
     "ctl": "followerd.cli.ctl:ctl",

@@ -24,6 +24,11 @@ class Display:
             else Live(console=console, refresh_per_second=REFRESH, get_renderable=self._table)
         )
 
+    @property
+    def is_shown(self) -> bool:
+        """Whether there is something to see."""
+        return self._live is not None
+
     def attach(self, daemon: Daemon) -> None:
         """Look at a daemon's decisions."""
         if self._live is not None:

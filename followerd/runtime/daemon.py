@@ -15,6 +15,7 @@ from followerd.runtime.supervisor import supervise
 from followerd.runtime.vision import Vision
 from followerd.trackers.interfaces import Tracker
 
+EARLY = 0.001  # s that a timer may fire before its time
 TICK = 0.05  # s without any event after which staleness is looked at
 
 log = structlog.get_logger()
@@ -94,8 +95,8 @@ class Daemon:
 
     async def _tick(self) -> None:
         while True:
-            newest = -TICK if self.decision is None else self.decision.stamp
-            if clock.now() - newest < TICK:
-                await clock.sleep_until(newest + TICK)
+            due = TICK + (self.decision.stamp if self.decision else self.stats.began)
+            if clock.now() < due - EARLY:
+                await clock.sleep_until(due)
             else:
                 self.handle(Tick())
