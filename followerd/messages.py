@@ -78,6 +78,22 @@ class Scan:
         return self.base_from_laser.apply(np.column_stack([r * np.cos(angles), r * np.sin(angles)]))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Clusters:
+    """The K groups of neighbouring returns of one scan, counter-clockwise; in `base`."""
+
+    stamp: float  # s, of the scan
+    first: npt.NDArray[np.intp]  # (K,) index of the first beam
+    last: npt.NDArray[np.intp]  # (K,) index of the last beam
+    count: npt.NDArray[np.intp]  # (K,) returns
+    centre: Array  # (K, 2) m, mean of the returns
+    bearing: Array  # (K,) rad, of the centre
+    range: Array  # (K,) m, of the centre
+    nearest: Array  # (K,) m, of the nearest return
+    width: Array  # (K,) m, from the first to the last return
+    leg_like: npt.NDArray[np.bool_]  # (K,) as narrow as a leg or two, not half hidden
+
+
 @dataclass(frozen=True, slots=True)
 class Twist:
     """Planar velocity of `base`."""
@@ -198,6 +214,7 @@ class StopReason(Enum):
     DEVICE_REFUSED = "device refuses its set-up"
     LOOP_LATE = "the computer is too slow"
     LOW_BATTERY = "battery low"
+    LIMIT = "speed or acceleration limit"
     SHUTDOWN = "followerd ends"
 
 
@@ -271,6 +288,8 @@ class Decision:
     wish: Wish | None
     command: Command
     reasons: tuple[Reason, ...] = field(default=())  # all that hold now, the command's included
+    motors: bool = False  # the wheels' motors are wanted on
+    refused: str = ""  # why the operator's action was refused
 
 
 Measurement = Image | Scan | Odometry

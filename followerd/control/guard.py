@@ -1,0 +1,253 @@
+"""The last word before the wheels: what may be sent, and why it differs from the wish."""
+
+from dataclasses import dataclass, field, replace
+from math import hypot, inf, radians
+
+from followerd.control.clearance import stopping_speed
+from followerd.control.freshness import Freshness
+from followerd.control.limits import GuardSettings
+from followerd.control.mode import Permission
+from followerd.control.obstacles import Echoes, Obstacles, returns, together
+from followerd.control.plausible import (
+    from_the_future,
+    is_finite_wish,
+    is_plausible_odometry,
+    is_plausible_scan,
+)
+from followerd.control.way import Way
+from followerd.geometry import Array, Pose2
+from followerd.messages import (
+    Clusters,
+    Command,
+    Odometry,
+    Reason,
+    Scan,
+    StopReason,
+    TurnBy,
+    Twist,
+    WheelSpeeds,
+    Wish,
+)
+
+TRIES = 4  # arcs looked at before the robot only turns
+INSTANT = 0.001  # s, taken to pass between two checks: what stands keeps trying the way
+CRAWL = 0.01  # m/s or rad/s: less is not worth moving for
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """A scan, and where it was taken."""
+
+    scan: Scan
+    points: Array  # (N, 2) m, end points in `base` then, nan where nothing was seen
+    clusters: Clusters
+    base: Pose2  # odom_from_base then
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Situation:
+    """What the guard looks at; what is not known is None."""
+
+    permission: Permission = field(default_factory=Permission)
+    base: Pose2 | None = None  # odom_from_base now
+    odometry: Odometry | None = None
+    view: View | None = None
+    target: tuple[float, float] | None = None  # m, the followed person in `odom` now
+    claimed: tuple[slice, ...] = ()  # beams of the view that show the confirmed person
+
+
+class Guard:
+    """Only what leaves `check` may reach the wheels."""
+
+    def __init__(self, settings: GuardSettings, freshness: Freshness) -> None:
+        self.settings = settings
+        self.freshness = freshness
+        self._way = Way(settings)
+        self._echoes = Echoes(settings.sonar_age_s, settings.sonar_reach_m)
+        self._approved = Twist()
+        self._approved_at = -inf
+
+    def sense(self, odometry: Odometry) -> None:
+        """Remember the sonar readings of a base report."""
+        self._echoes.sense(odometry)
+
+    def check(self, wish: Wish | None, situation: Situation, now: float) -> Command:
+        """The command for `wish`; it differs only with a reason, and never outlives its data."""
+        reasons = self._forbidding(wish, situation, now)
+        motion: Wish | None = None
+        allowed = Twist()
+        base, view = situation.base, situation.view
+        if wish is not None and base is not None and view is not None and not reasons:
+            wanted = self._twist(wish)
+            capped = self._capped(wanted, situation, reasons, now)
+            obstacles = self._obstacles(view, situation.claimed, base, capped.v, now)
+            ramped = self._ramped(capped, now)
+            allowed = self._clear(ramped, obstacles, reasons)
+            if (allowed.v == ramped.v != capped.v) or (
+                allowed.omega == ramped.omega != capped.omega
+            ):
+                reasons.append(Reason(StopReason.LIMIT, "guard", "acceleration", full_stop=False))
+            motion = _as_wished(wish, wanted, ramped, allowed)
+        self._approved, self._approved_at = allowed, now
+        good_until = min(now + self.settings.valid_s, self.freshness.good_until())
+        return Command(
+            stamp=now,
+            motion=motion,
+            expires=now if motion is None else good_until,
+            emergency=any(reason.stop is StopReason.ESTOP for reason in reasons),
+            reasons=tuple(reasons),
+        )
+
+    def _forbidding(self, wish: Wish | None, situation: Situation, now: float) -> list[Reason]:
+        """Why nothing may move at all."""
+        permission = situation.permission
+        if not permission.move:
+            return list(permission.reasons) or [Reason(StopReason.DISARMED)]
+        if reasons := self.freshness.stale(now):
+            return list(reasons)
+        odometry, view = situation.odometry, situation.view
+        absurd = from_the_future(self.freshness.newest, now)
+        if wish is not None and not is_finite_wish(wish):
+            absurd.append("wish")
+        if odometry is not None and not is_plausible_odometry(odometry):
+            absurd.append("odometry")
+        if view is not None and not is_plausible_scan(view.scan, self.settings.max_missing_share):
+            absurd.append("scan")
+        if situation.base is None or odometry is None:
+            return [Reason(StopReason.ODOMETRY_STALE, "odometry", "position unknown")]
+        if view is None:
+            return [Reason(StopReason.SCAN_STALE, "scan", "taken at an unknown place")]
+        return [Reason(StopReason.ABSURD_DATA, name) for name in absurd]
+
+    def _twist(self, wish: Wish) -> Twist:
+        if isinstance(wish, Twist):
+            return wish
+        if isinstance(wish, WheelSpeeds):
+            difference = wish.right - wish.left
+            return Twist(0.5 * (wish.left + wish.right), difference / self.settings.track_m)
+        fastest = radians(self.settings.max_turn_degps)
+        return Twist(wish.v, min(max(wish.angle / self.settings.valid_s, -fastest), fastest))
+
+    def _capped(
+        self, wanted: Twist, situation: Situation, reasons: list[Reason], now: float
+    ) -> Twist:
+        """Within all caps that need no look at the way."""
+        s, v = self.settings, wanted.v
+        if v > 0:
+            v = _slower(v, s.speed_cap, reasons, Reason(StopReason.LIMIT, "guard", "speed"))
+            v = self._near_target(v, situation, reasons)
+            v = self._near_others(v, situation, reasons)
+        if v < 0:
+            v = self._backward(v, reasons, now)
+        for why in situation.permission.reasons or (Reason(StopReason.LIMIT, "modes"),):
+            v = _slower(v, situation.permission.max_speed, reasons, why)
+        for late in self.freshness.ageing(s.slow_after, now):
+            v = _slower(v, s.slow_speed_mps, reasons, late)
+        turning = Reason(StopReason.LIMIT, "guard", "turn rate")
+        omega = _slower(wanted.omega, radians(s.max_turn_degps), reasons, turning)
+        return Twist(v, omega)
+
+    def _ramped(self, twist: Twist, now: float) -> Twist:
+        """Growing gently from what was approved last; slowing down is free."""
+        s, start = self.settings, self._approved
+        dt = min(max(now - self._approved_at, INSTANT), s.valid_s)
+        return Twist(
+            _grown(start.v, twist.v, s.accel_mps2 * dt),
+            _grown(start.omega, twist.omega, radians(s.turn_accel_degps2) * dt),
+        )
+
+    def _near_target(self, v: float, situation: Situation, reasons: list[Reason]) -> float:
+        """No forward speed toward a person who is near, or at an unknown distance."""
+        s, base, target = self.settings, situation.base, situation.target
+        if base is None or target is None:
+            return _slower(v, 0.0, reasons, Reason(StopReason.RANGE_UNKNOWN, "tracker"))
+        distance = hypot(target[0] - base.x, target[1] - base.y)
+        close = Reason(StopReason.PERSON_TOO_CLOSE, "tracker", f"followed, at {distance:.2f} m")
+        return _slower(v, (distance - s.min_target_m) / s.approach_s, reasons, close)
+
+    def _near_others(self, v: float, situation: Situation, reasons: list[Reason]) -> float:
+        """Slowly past whoever else stands near the way."""
+        s = self.settings
+        if situation.view is None or v <= s.person_speed_mps:
+            return v
+        seen = situation.view.clusters
+        others = seen.leg_like & (seen.nearest < s.person_within_m)
+        others &= (seen.centre[:, 0] > 0) & (abs(seen.centre[:, 1]) < s.person_aside_m)
+        for beams in situation.claimed:
+            others &= (seen.last < beams.start) | (seen.first >= beams.stop)
+        if not others.any():
+            return v
+        nearest = float(seen.nearest[others].min())
+        near = Reason(StopReason.PERSON_TOO_CLOSE, "laser", f"someone else at {nearest:.2f} m")
+        return _slower(v, s.person_speed_mps, reasons, near)
+
+    def _backward(self, v: float, reasons: list[Reason], now: float) -> float:
+        """Backward only where the sonar has just looked."""
+        s, behind = self.settings, self._echoes.behind(now)
+        if len(behind) < s.rear_discs:
+            return _slower(v, 0.0, reasons, Reason(StopReason.REAR_UNSEEN, "sonar"))
+        limit = stopping_speed(min(behind) - s.rear_margin_m, s.reaction_s, s.deceleration_mps2)
+        close = Reason(StopReason.OBSTACLE, "sonar", f"{min(behind):.2f} m behind")
+        v = _slower(v, limit, reasons, close)
+        reverse = Reason(StopReason.LIMIT, "guard", "backward speed")
+        return _slower(v, s.max_reverse_mps, reasons, reverse)
+
+    def _obstacles(
+        self, view: View, claimed: tuple[slice, ...], base: Pose2, v: float, now: float
+    ) -> Obstacles:
+        """Everything near enough to matter at speed `v`, seen from the robot now."""
+        s = self.settings
+        margins = (s.margin_m, s.target_margin_m) if v >= 0 else (s.rear_margin_m,) * 2
+        seen = returns(view.points, ~base @ view.base, claimed, margins, self._way.reach(v))
+        return together(seen, self._echoes.obstacles(base, s.sonar_margin_m, now))
+
+    def _clear(self, twist: Twist, obstacles: Obstacles, reasons: list[Reason]) -> Twist:
+        """Slow enough to stop before anything in the swept way.
+
+        A lower speed at the same turn rate sweeps another arc: what is allowed is checked again.
+        """
+        v, omega, why = twist.v, twist.omega, ""
+        if omega != 0.0:
+            corner = Reason(StopReason.OBSTACLE, "laser", "beside the robot, in its turn")
+            omega = _slower(omega, self._way.free_turn(omega, obstacles), reasons, corner)
+        for _ in range(TRIES):
+            if v == 0.0:
+                break
+            limit, why = self._way.free_speed(Twist(v, omega), obstacles)
+            if self._approved.v == 0.0 and limit < self.settings.start_mps:
+                limit = 0.0  # a robot that stands does not creep up to its margin
+            if abs(v) <= limit:
+                break
+            # an arc of lower speed may be a little less free
+            v = _slower(v, limit if omega == 0.0 else 0.95 * limit, [], Reason(StopReason.OBSTACLE))
+        else:
+            v = 0.0
+        ahead = Reason(StopReason.OBSTACLE, "laser", why)
+        return Twist(_slower(twist.v, abs(v), reasons, ahead), omega)
+
+
+def _as_wished(wish: Wish, wanted: Twist, ramped: Twist, allowed: Twist) -> Wish | None:
+    """What is allowed, in the words of the wish where they still hold; None is a stop."""
+    if allowed == Twist():
+        return None
+    if allowed == wanted:
+        return wish
+    if isinstance(wish, TurnBy) and allowed.omega == ramped.omega != 0.0:
+        return replace(wish, v=allowed.v)  # the base ramps its turns itself
+    return allowed
+
+
+def _slower(value: float, limit: float, reasons: list[Reason], why: Reason) -> float:
+    """`value` no larger than `limit` in size; below a crawl it is a stop; says so in `reasons`."""
+    if abs(value) <= limit:
+        return value
+    # written so that a limit that is not a number stops
+    limit = limit if limit >= CRAWL else 0.0
+    reasons.append(replace(why, full_stop=limit == 0.0))
+    return limit if value > 0 else -limit
+
+
+def _grown(before: float, wanted: float, step: float) -> float:
+    """`wanted`, but grown by no more than `step` away from zero."""
+    grown = min(abs(wanted), (abs(before) if before * wanted > 0 else 0.0) + step)
+    return grown if wanted >= 0 else -grown

@@ -1,0 +1,275 @@
+"""What the robot is allowed to do: one table of modes, and the permission each mode gives.
+
+DISARMED -> READY -> FOLLOWING <-> HOLDING -> SEARCHING -> IDLE      FAULT, ESTOP (latched)
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+from math import copysign, inf, radians
+
+from pydantic import Field
+
+from followerd.control.freshness import Freshness
+from followerd.messages import (
+    Fault,
+    Mode,
+    Odometry,
+    Reason,
+    StopReason,
+    TrackPhase,
+    TrackState,
+)
+from followerd.settings import Settings
+
+
+class Action(Enum):
+    """What an operator can do."""
+
+    ENROL = "enrol"
+    CONFIRM = "confirm"
+    ARM = "arm"
+    HOLD = "hold"
+    DISARM = "disarm"
+    STOP = "stop"
+    CLEAR = "clear"
+
+
+class Signal(Enum):
+    """What happens by itself."""
+
+    SURE = "enough good frames, motors on"
+    UNSURE = "identity or data not good enough"
+    LOST = "the person is gone"
+    GIVE_UP = "searched long enough"
+    RELEASE = "must be armed again"
+    BREAK = "a device failed"
+
+
+ARMED = frozenset({Mode.READY, Mode.FOLLOWING, Mode.HOLDING, Mode.SEARCHING, Mode.IDLE})
+
+TRANSITIONS: dict[tuple[Mode, Action | Signal], Mode] = {
+    **{(mode, Action.STOP): Mode.ESTOP for mode in Mode},
+    **{(mode, Signal.BREAK): Mode.FAULT for mode in ARMED},
+    **{(mode, Signal.RELEASE): Mode.DISARMED for mode in ARMED},
+    **{(mode, Action.DISARM): Mode.DISARMED for mode in ARMED},
+    **{(mode, Action.ENROL): Mode.DISARMED for mode in ARMED},  # another person: confirm, arm
+    **{(mode, Action.HOLD): Mode.HOLDING for mode in ARMED},
+    (Mode.ESTOP, Action.CLEAR): Mode.DISARMED,
+    (Mode.FAULT, Action.CLEAR): Mode.DISARMED,
+    (Mode.FAULT, Action.DISARM): Mode.DISARMED,
+    (Mode.DISARMED, Action.ENROL): Mode.DISARMED,
+    (Mode.DISARMED, Action.CONFIRM): Mode.DISARMED,
+    (Mode.DISARMED, Action.ARM): Mode.READY,
+    (Mode.FAULT, Action.ENROL): Mode.FAULT,
+    (Mode.FAULT, Action.CONFIRM): Mode.FAULT,
+    (Mode.FAULT, Action.ARM): Mode.READY,
+    (Mode.HOLDING, Action.ARM): Mode.READY,
+    (Mode.IDLE, Action.ARM): Mode.READY,
+    (Mode.READY, Signal.SURE): Mode.FOLLOWING,
+    (Mode.HOLDING, Signal.SURE): Mode.FOLLOWING,
+    (Mode.SEARCHING, Signal.SURE): Mode.FOLLOWING,
+    (Mode.FOLLOWING, Signal.UNSURE): Mode.HOLDING,
+    (Mode.FOLLOWING, Signal.LOST): Mode.SEARCHING,
+    (Mode.HOLDING, Signal.LOST): Mode.SEARCHING,
+    (Mode.SEARCHING, Signal.GIVE_UP): Mode.IDLE,
+}
+
+
+class ModeSettings(Settings):
+    """Bounds on doubt and on time."""
+
+    fresh_before_arming_s: float = Field(2.0, ge=0, description="all sensors, without a break")
+    motors_on_within_s: float = Field(3.0, gt=0, description="after arming")
+    min_confidence: float = Field(0.4, ge=0, le=1, description="that it is the enrolled person")
+    good_frames: int = Field(5, ge=5, description="in a row, before motion resumes")
+    unsure_grace_s: float = Field(0.2, ge=0, le=0.25, description="doubt before the robot stops")
+    coast_s: float = Field(0.5, ge=0, le=0.5, description="motion after the person is lost")
+    search_s: float = Field(10.0, ge=0, le=10.0, description="turning to find the person again")
+    search_turn_degps: float = Field(25.0, gt=0, le=28.6, description="while searching")
+    occluded_s: float = Field(5.0, ge=0, le=5.0, description="following a prediction")
+    occluded_sigma_m: float = Field(0.5, gt=0, le=0.5, description="of a prediction followed")
+    occluded_speed_mps: float = Field(0.4, ge=0, le=0.4, description="following a prediction")
+
+
+@dataclass(frozen=True, slots=True)
+class Permission:
+    """What the mode allows now."""
+
+    move: bool = False  # may move at all
+    max_speed: float = 0.0  # m/s, forward or backward
+    search: float = 0.0  # rad/s, turn to find the person; 0 = turn to where the track is
+    reasons: tuple[Reason, ...] = ()  # why it is less than everything
+
+
+class Modes:
+    """The state machine: operator's actions, tracks, base reports and faults in, permission out."""
+
+    def __init__(self, settings: ModeSettings, freshness: Freshness) -> None:
+        self.settings = settings
+        self.freshness = freshness
+        self.mode = Mode.DISARMED
+        self.enrolled = False
+        self.confirmed = False
+        self._since = -inf  # s, entry into the mode
+        self._why: tuple[Reason, ...] = ()  # what ended the last armed time
+        self._held = False
+        self._faults: dict[str, Fault] = {}
+        self._odometry: Odometry | None = None
+        self._phase = TrackPhase.LOST
+        self._good = 0  # good frames in a row
+        self._doubt_since = inf  # s, first frame that was not good
+        self._side = 1.0  # +1: last seen on the left
+
+    @property
+    def armed(self) -> bool:
+        """Whether the robot may come to move by itself."""
+        return self.mode in ARMED
+
+    def operate(self, action: Action, now: float) -> str:
+        """Do what the operator asks; returns why not, or nothing."""
+        if (self.mode, action) not in TRANSITIONS:
+            return f"cannot {action.value} while {self.mode.value}"
+        if refusal := self._refusal(action, now):
+            return refusal
+        if action is Action.ENROL:
+            self.enrolled, self.confirmed, self._good = True, False, 0
+            self._phase, self._doubt_since = TrackPhase.LOST, now
+        if action is Action.CONFIRM:
+            self.confirmed = True
+        self._held = action is Action.HOLD
+        self._go(action, now)
+        return ""
+
+    def track(self, track: TrackState | None, sigma: float, now: float) -> None:
+        """Take the newest track; `sigma` of its position in m, inf when unknown."""
+        self._phase = TrackPhase.LOST if track is None else track.phase
+        if track is not None and self._phase is not TrackPhase.LOST and track.bearing is not None:
+            self._side = copysign(1.0, track.bearing)
+        sure = track is not None and track.confidence >= self.settings.min_confidence
+        if sure and self._phase is TrackPhase.CONFIRMED:
+            self._good += 1
+            self._doubt_since = inf
+            return
+        self._good = 0
+        self._doubt_since = min(self._doubt_since, now)
+        if self._phase is TrackPhase.OCCLUDED and not sigma < self.settings.occluded_sigma_m:
+            self._phase = TrackPhase.TENTATIVE
+
+    def base(self, odometry: Odometry, now: float) -> None:
+        """Take a base report: stalls, bumpers, motors."""
+        self._odometry = odometry
+        if any(odometry.wheel_stall):
+            self._go(Signal.BREAK, now, Reason(StopReason.WHEEL_STALL, "base"))
+        if odometry.bumpers_front or odometry.bumpers_rear:
+            self._go(Signal.BREAK, now, Reason(StopReason.BUMPER, "base"))
+        if odometry.stop_button:
+            self._go(Signal.RELEASE, now, Reason(StopReason.STOP_BUTTON, "base"))
+        late = self.mode is not Mode.READY or now - self._since > self.settings.motors_on_within_s
+        if late and not odometry.motors_enabled:
+            self._go(Signal.RELEASE, now, Reason(StopReason.MOTORS_OFF, "base"))
+
+    def fault(self, fault: Fault, now: float) -> None:
+        """Take a device's failure or its recovery; a recovery alone moves nothing."""
+        if fault.recovered:
+            self._faults.pop(fault.device, None)
+            return
+        self._faults[fault.device] = fault
+        self._go(Signal.BREAK, now, Reason(fault.reason, fault.device, fault.detail))
+
+    def permission(self, now: float) -> Permission:
+        """Let time pass, then say what is allowed."""
+        stale = self.freshness.stale(now)
+        self._elapse(stale, now)
+        if not self.armed:
+            return Permission(reasons=self._standing(now))
+        if stale:
+            return Permission(reasons=stale)
+        if self.mode is Mode.FOLLOWING:
+            return self._following(now)
+        if self.mode is Mode.SEARCHING:
+            gone = self._phase is TrackPhase.LOST
+            turn = radians(self.settings.search_turn_degps) * self._side if gone else 0.0
+            return Permission(True, 0.0, turn, (Reason(StopReason.TARGET_LOST, "tracker"),))
+        if self.mode is Mode.HOLDING and not self._held:
+            return Permission(True, 0.0, 0.0, (Reason(StopReason.TARGET_UNSURE, "tracker"),))
+        return Permission(reasons=self._standing(now))
+
+    def _elapse(self, stale: tuple[Reason, ...], now: float) -> None:
+        """The transitions that time brings."""
+        s = self.settings
+        if self.freshness.disarms(now):
+            self._go(Signal.RELEASE, now, *stale)
+        doubt = now - self._doubt_since
+        lost = self._phase is TrackPhase.LOST
+        ready = self._odometry is not None and self._odometry.motors_enabled
+        if stale:
+            self._good = 0
+            self._go(Signal.UNSURE, now)
+        elif self._good >= s.good_frames and ready and not self._held:
+            self._go(Signal.SURE, now)
+        elif lost and doubt >= s.coast_s and not self._held:
+            self._go(Signal.LOST, now)
+        elif not lost and doubt >= self._patience():
+            self._go(Signal.UNSURE, now)
+        if self.mode is Mode.SEARCHING and now - self._since >= s.search_s:
+            self._go(Signal.GIVE_UP, now)
+
+    def _patience(self) -> float:
+        occluded = self._phase is TrackPhase.OCCLUDED
+        return self.settings.occluded_s if occluded else self.settings.unsure_grace_s
+
+    def _following(self, now: float) -> Permission:
+        s = self.settings
+        if self._doubt_since == inf:
+            return Permission(True, inf)
+        if self._phase is TrackPhase.LOST:
+            left = max(0.0, 1.0 - (now - self._doubt_since) / s.coast_s) if s.coast_s else 0.0
+            coasting = Reason(StopReason.TARGET_LOST, "tracker", "coasting", full_stop=False)
+            return Permission(True, s.occluded_speed_mps * left, 0.0, (coasting,))
+        doubtful = Reason(StopReason.TARGET_UNSURE, "tracker", self._phase.value, full_stop=False)
+        return Permission(True, s.occluded_speed_mps, 0.0, (doubtful,))
+
+    def _standing(self, now: float) -> tuple[Reason, ...]:
+        """Why the robot stands in a mode that does not move."""
+        if self.mode is Mode.ESTOP:
+            return (Reason(StopReason.ESTOP),)
+        if self.mode is Mode.HOLDING:
+            return (Reason(StopReason.HOLD),)
+        if self.mode is Mode.IDLE:
+            return (Reason(StopReason.TARGET_LOST, "tracker", "searched in vain"),)
+        if self.mode is Mode.READY:
+            return (Reason(StopReason.START_UP, "", "motors and a steady view of the person"),)
+        refusal = self._unfit(now)
+        return (*self._why, *refusal) or (Reason(StopReason.DISARMED),)
+
+    def _refusal(self, action: Action, now: float) -> str:
+        if action is Action.CONFIRM and not self.enrolled:
+            return Reason(StopReason.NO_TARGET).stop.value
+        if action is Action.CLEAR and self.mode is Mode.FAULT:
+            return "; ".join(map(str, self._outstanding()))
+        return "; ".join(map(str, self._unfit(now))) if action is Action.ARM else ""
+
+    def _unfit(self, now: float) -> tuple[Reason, ...]:
+        """Why the robot cannot be armed now."""
+        reasons = [*self._outstanding(), *self.freshness.stale(now)]
+        if not reasons and self.freshness.fresh_for(now) < self.settings.fresh_before_arming_s:
+            reasons.append(Reason(StopReason.START_UP))
+        if self._odometry is not None and self._odometry.stop_button:
+            reasons.append(Reason(StopReason.STOP_BUTTON, "base"))
+        if not self.enrolled:
+            reasons.append(Reason(StopReason.NO_TARGET))
+        elif not self.confirmed:
+            reasons.append(Reason(StopReason.NOT_CONFIRMED))
+        return tuple(reasons)
+
+    def _outstanding(self) -> list[Reason]:
+        return [Reason(f.reason, f.device, f.detail) for f in self._faults.values()]
+
+    def _go(self, trigger: Action | Signal, now: float, *why: Reason) -> None:
+        """Follow the table; what it does not name changes nothing."""
+        goal = TRANSITIONS.get((self.mode, trigger), self.mode)
+        if goal is self.mode:
+            return
+        self.mode, self._since, self._why = goal, now, why
+        if goal is Mode.READY:
+            self._good = 0

@@ -1,0 +1,8 @@
+"""The follow laws a config can name; each class takes its settings."""
+
+from followerd.registry import Registry
+
+CONTROLLERS = Registry(
+    "followerd.controllers",
+    {"image_centering": "followerd.control.image_centering:ImageCentering"},
+)

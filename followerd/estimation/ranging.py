@@ -1,0 +1,245 @@
+"""How far away the person is: image bearing and range, and legs in the laser, in one filter.
+
+State x = [px, py, vx, vy] of the person in `odom`, constant velocity; x P F Q z H R y S K as in
+the textbook. A measurement is taken along (range) and across (bearing) its own line of sight,
+one scalar at a time, so that either half may be missing.
+"""
+
+from dataclasses import dataclass, replace
+from math import atan2, cos, hypot, inf, radians, sin, sqrt
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from followerd.geometry import Array, Pose2, wrap_angle
+from followerd.messages import Clusters, TrackPhase, TrackState
+from followerd.settings import Settings
+
+
+class RangingSettings(Settings):
+    """What is believed about the person's motion, the camera and the laser."""
+
+    accel_density: float = Field(0.6, gt=0, description="of the walking person, m^2/s^3")
+    bearing_sigma_deg: float = Field(1.5, gt=0, description="of the tracker's bearing")
+    range_sigma_m: float = Field(0.3, gt=0, description="of a track's range that names none")
+    range_share: float = Field(0.1, ge=0, description="share of its range a track errs at least")
+    legs_sigma_m: float = Field(0.08, gt=0, description="of the middle between the legs")
+    leg_sigma_m: float = Field(0.2, gt=0, description="of it, where only one leg is seen")
+    leg_radius_m: float = Field(0.05, ge=0, description="from a leg's visible side to its middle")
+    stride_m: float = Field(0.7, gt=0, description="farthest apart two legs of one person are")
+    cone_deg: float = Field(7.0, gt=0, description="half width of the bearing cone for legs")
+    gate: float = Field(3.5, gt=0, description="standard deviations a measurement may be off")
+    max_track_age_s: float = Field(0.3, gt=0, description="older tracks claim no legs")
+    max_sigma_m: float = Field(0.6, gt=0, description="more uncertain than this is unknown")
+    max_rejected: int = Field(5, ge=1, description="measurements refused in a row: start anew")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Person:
+    """Where the followed person is, in `odom`."""
+
+    position: tuple[float, float]  # m
+    velocity: tuple[float, float]  # m/s
+    covariance: Array  # (4, 4)
+
+    @property
+    def sigma(self) -> float:
+        """Largest standard deviation of the position, m."""
+        (a, b), (_, c) = self.covariance[:2, :2]
+        return sqrt(max(0.0, 0.5 * (a + c) + hypot(0.5 * (a - c), b)))
+
+    def seen_from(self, base: Pose2) -> tuple[float, float]:
+        """Range in m and bearing in rad from the robot at `odom_from_base`."""
+        x, y = (~base).apply_point(*self.position)
+        return hypot(x, y), atan2(y, x)
+
+    def velocity_in(self, base: Pose2) -> tuple[float, float]:
+        """Velocity over the ground along the axes of the robot at `odom_from_base`, m/s."""
+        return Pose2(theta=-base.theta).apply_point(*self.velocity)
+
+
+class Ranging:
+    """The ground position of the tracked person, from whatever knows it."""
+
+    def __init__(self, settings: RangingSettings | None = None) -> None:
+        self.settings = settings or RangingSettings()
+        self.forget()
+
+    def forget(self) -> None:
+        """Drop the person."""
+        self._x: Array | None = None
+        self._P: Array = np.eye(4)
+        self._stamp = -inf
+        self._rejected = 0
+        self._track: TrackState | None = None
+        self._sight = 0.0  # rad in odom, direction in which the track was seen
+        self.claimed: tuple[slice, ...] = ()  # beams of the newest scan that show the person
+
+    def see(self, track: TrackState, base: Pose2) -> None:
+        """Take a track of an image; `base` is `odom_from_base` at its stamp."""
+        self._track = track
+        if track.phase is not TrackPhase.CONFIRMED:
+            self.claimed = ()
+        if track.bearing is None or track.phase not in (TrackPhase.CONFIRMED, TrackPhase.TENTATIVE):
+            return
+        self._sight = wrap_angle(base.theta + track.bearing)
+        sigma = track.range_sigma or self.settings.range_sigma_m
+        sigma = max(sigma, self.settings.range_share * (track.range or 0.0))
+        if self._x is None or self._rejected >= self.settings.max_rejected:
+            if track.range is not None:
+                self._start(track.range, sigma, base, track.stamp)
+            return
+        self._measure(track.range, sigma, self._bearing_sigma(), base, track.stamp)
+
+    def scan(self, clusters: Clusters, base: Pose2) -> None:
+        """Take the legs the current track points at; `base` is `odom_from_base` at the scan."""
+        self.claimed = ()
+        track = self._track
+        if track is None or track.phase is not TrackPhase.CONFIRMED or track.bearing is None:
+            return
+        if abs(clusters.stamp - track.stamp) > self.settings.max_track_age_s:
+            return
+        legs = self._legs(clusters, base)
+        if not legs.size:
+            return
+        middle = clusters.centre[legs].mean(axis=0)
+        distance = hypot(*middle) + self.settings.leg_radius_m
+        direction = atan2(middle[1], middle[0])
+        along = wrap_angle(base.theta + direction)
+        sigma = self.settings.legs_sigma_m if legs.size == 2 else self.settings.leg_sigma_m
+        if self._x is None:
+            self._sight = along
+            self._start(distance, sigma, base, clusters.stamp)
+        else:
+            self._measure(distance, sigma, sigma / distance, base, clusters.stamp, along)
+        self.claimed = tuple(slice(int(clusters.first[k]), int(clusters.last[k]) + 1) for k in legs)
+
+    def person(self, stamp: float) -> Person | None:
+        """The person at `stamp`; None when the position is unknown."""
+        if self._x is None:
+            return None
+        x, P = self._predicted(stamp)
+        person = Person((float(x[0]), float(x[1])), (float(x[2]), float(x[3])), P)
+        return person if person.sigma <= self.settings.max_sigma_m else None
+
+    def bearing(self, base: Pose2) -> float | None:
+        """Where the track was last seen from the robot at `odom_from_base`, rad; None if lost."""
+        if self._track is None or self._track.phase is TrackPhase.LOST:
+            return None
+        return wrap_angle(self._sight - base.theta)
+
+    def located(self, track: TrackState, base: Pose2, stamp: float) -> TrackState:
+        """The track with what is known at `stamp`, when the robot is at `base`."""
+        if track.phase is TrackPhase.LOST:
+            return track
+        person = self.person(stamp)
+        if person is None:
+            bearing = None if track.bearing is None else wrap_angle(self._sight - base.theta)
+            return replace(track, stamp=stamp, bearing=bearing, range=None, range_sigma=None)
+        distance, bearing = person.seen_from(base)
+        return replace(
+            track,
+            stamp=stamp,
+            bearing=bearing,
+            range=distance,
+            range_sigma=person.sigma,
+            position=person.position,
+            velocity=person.velocity,
+            covariance=person.covariance,
+        )
+
+    def _legs(self, clusters: Clusters, base: Pose2) -> npt.NDArray[np.intp]:
+        """The one or two clusters that are the person's legs.
+
+        Nearest to the expected place within the gate; with no expectation the nearest of the cone,
+        for whoever stood before the person would hide them from the camera too.
+        """
+        person = self.person(clusters.stamp)
+        if person is None:
+            expected, bearing = None, wrap_angle(self._sight - base.theta)
+        else:
+            expected, bearing = person.seen_from(base)
+        aside = np.abs((clusters.bearing - bearing + np.pi) % (2 * np.pi) - np.pi)
+        cone = radians(self.settings.cone_deg) + np.arctan2(
+            0.5 * self.settings.stride_m, np.maximum(clusters.range, 0.3)
+        )
+        fits = clusters.leg_like & (aside < cone)
+        distance = clusters.range + self.settings.leg_radius_m
+        if person is None or expected is None:
+            order = distance + clusters.range * aside
+        else:
+            reach = self.settings.gate * hypot(person.sigma, self.settings.legs_sigma_m)
+            order = np.hypot(distance - expected, clusters.range * aside)
+            fits &= order < reach + 0.5 * self.settings.stride_m
+        found = np.flatnonzero(fits)
+        if not found.size:
+            return found
+        found = found[np.argsort(order[found], kind="stable")]
+        gaps = np.hypot(*(clusters.centre[found] - clusters.centre[found[0]]).T)
+        near: npt.NDArray[np.intp] = found[gaps < self.settings.stride_m]
+        return near[:2]
+
+    def _bearing_sigma(self) -> float:
+        return radians(self.settings.bearing_sigma_deg)
+
+    def _start(self, distance: float, sigma: float, base: Pose2, stamp: float) -> None:
+        u = np.array([cos(self._sight), sin(self._sight)])
+        t = np.array([-u[1], u[0]])
+        self._x = np.array([base.x + distance * u[0], base.y + distance * u[1], 0.0, 0.0])
+        across = max(distance * self._bearing_sigma(), self.settings.legs_sigma_m)
+        self._P = np.diag([0.0, 0.0, 0.5, 0.5])
+        self._P[:2, :2] = sigma**2 * np.outer(u, u) + across**2 * np.outer(t, t)
+        self._stamp = stamp
+        self._rejected = 0
+
+    def _predicted(self, stamp: float) -> tuple[Array, Array]:
+        """State and covariance at `stamp`; a time before the state's is met without noise."""
+        assert self._x is not None
+        dt = stamp - self._stamp
+        F = np.eye(4)
+        F[0, 2] = F[1, 3] = dt
+        q, grown = self.settings.accel_density, max(0.0, dt)
+        Q = np.zeros((4, 4))
+        Q[0, 0] = Q[1, 1] = q * grown**3 / 3
+        Q[0, 2] = Q[2, 0] = Q[1, 3] = Q[3, 1] = q * grown**2 / 2
+        Q[2, 2] = Q[3, 3] = q * grown
+        return F @ self._x, F @ self._P @ F.T + Q
+
+    def _measure(
+        self,
+        distance: float | None,
+        range_sigma: float,
+        bearing_sigma: float,
+        base: Pose2,
+        stamp: float,
+        sight: float | None = None,
+    ) -> None:
+        """Take a line of sight in `odom`, and a distance along it."""
+        if stamp > self._stamp:
+            self._x, self._P = self._predicted(stamp)
+            self._stamp = stamp
+        along = self._sight if sight is None else sight
+        u, t = (cos(along), sin(along)), (-sin(along), cos(along))
+        assert self._x is not None
+        dt = stamp - self._stamp  # negative: an image that took longer than the scan after it
+        x, y = self._x[:2] + dt * self._x[2:] - (base.x, base.y)
+        reach = max(0.3, float(x * u[0] + y * u[1]))
+        fits = self._update(t, -(x * t[0] + y * t[1]), (reach * bearing_sigma) ** 2, dt)
+        if distance is not None:
+            off = distance - (x * u[0] + y * u[1])
+            fits &= self._update(u, off, range_sigma**2, dt)
+        self._rejected = 0 if fits else self._rejected + 1
+
+    def _update(self, direction: tuple[float, float], y: float, R: float, dt: float) -> bool:
+        """One scalar along `direction`, `dt` from the state's time; False when it is gated out."""
+        H = np.array([direction[0], direction[1], dt * direction[0], dt * direction[1]])
+        PH = self._P @ H
+        S = float(H @ PH) + R
+        if y * y > self.settings.gate**2 * S:
+            return False
+        K = PH / S
+        self._x = self._x + K * y
+        self._P = self._P - np.outer(K, PH)
+        self._P = 0.5 * (self._P + self._P.T)
+        return True

@@ -1,0 +1,608 @@
+"""What the guard owes: never too fast, never on stale data, never without a reason."""
+
+from dataclasses import dataclass, replace
+from math import cos, hypot, inf, isfinite, nan, pi, radians, sin
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from followerd.control.freshness import Freshness
+from followerd.control.guard import Guard, Situation, View
+from followerd.control.limits import GuardSettings
+from followerd.control.mode import Permission
+from followerd.geometry import Array, Pose2
+from followerd.messages import (
+    Clusters,
+    Command,
+    Odometry,
+    Reason,
+    Scan,
+    Sonar,
+    StopReason,
+    TurnBy,
+    Twist,
+    WheelSpeeds,
+    Wish,
+)
+from followerd.perception.clusters import ClusterSettings, find_clusters
+from followerd.streams import STREAMS
+
+NOW = 100.0
+GO = Permission(move=True, max_speed=inf)
+ANGLES = np.radians(np.arange(-90, 91))
+REAR = tuple(Sonar(8 + k, Pose2(-0.2, 0.0, radians(120 + 15 * k)), 3.0) for k in range(8))
+
+
+def seen(*things: tuple[float, float, float]) -> Array:
+    """Ranges of 181 beams from the origin; things are (bearing deg, half width deg, range m)."""
+    ranges = np.full(181, inf)
+    for bearing, half, at in things:
+        beams = np.abs(np.degrees(ANGLES) - bearing) <= half
+        ranges[beams] = np.minimum(ranges[beams], at)
+    return ranges
+
+
+def walls(left: float, right: float) -> Array:
+    """Ranges of 181 beams between two endless walls, m aside."""
+    with np.errstate(divide="ignore"):
+        aside = np.where(ANGLES > 0, left, right) / np.abs(np.sin(ANGLES))
+    return np.where(aside < 8.0, aside, inf)
+
+
+def post(x: float, y: float) -> Array:
+    """Ranges with a thin post at (x, y): one beam."""
+    return seen((round(np.degrees(np.arctan2(y, x))), 0.1, hypot(x, y)))
+
+
+def view_of(ranges: Array) -> View:
+    scan = Scan(NOW - 0.05, NOW - 0.04, -pi / 2, radians(1), ranges, 8.0, np.zeros(181), Pose2())
+    points = scan.points()
+    clusters: Clusters = find_clusters(scan, points, ClusterSettings())
+    return View(scan, points, clusters, Pose2())
+
+
+@dataclass
+class Bench:
+    """A guard with fresh data, a target 3 m ahead and nothing else in sight."""
+
+    settings: GuardSettings
+
+    def __post_init__(self) -> None:
+        self.freshness = Freshness()
+        self.guard = Guard(self.settings, self.freshness)
+        for name in STREAMS:
+            self.freshness.saw(name, NOW - 0.05, NOW)
+        self.situation = Situation(
+            GO, Pose2(), Odometry(NOW - 0.05, NOW - 0.04, Pose2(), Twist()),
+            view_of(seen()), (3.0, 0.0),
+        )  # fmt: skip
+
+    def sees(self, ranges: Array) -> "Bench":
+        self.situation = replace(self.situation, view=view_of(ranges))
+        return self
+
+    def check(self, wish: Wish | None, now: float = NOW) -> Command:
+        """The steady answer: ramps have had their time."""
+        for _ in range(10):
+            command = self.guard.check(wish, self.situation, now)
+            self.guard._approved_at = now - 0.2  # time passes, the data stays fresh
+        return command
+
+
+def bench(**changes: object) -> Bench:
+    return Bench(GuardSettings.model_validate(changes))
+
+
+def twist(command: Command) -> Twist:
+    assert command.motion is None or isinstance(command.motion, Twist)
+    return command.motion or Twist()
+
+
+def kinds(command: Command) -> set[StopReason]:
+    return {reason.stop for reason in command.reasons}
+
+
+def test_a_free_wish_passes_unchanged_and_without_a_reason() -> None:
+    wish = Twist(0.4, 0.2)
+    command = bench().check(wish)
+    assert command.motion == wish
+    assert command.reasons == ()
+    assert not command.stops
+
+
+def test_no_wish_is_a_stop_without_a_reason() -> None:
+    command = bench().check(None)
+    assert command.stops
+    assert command.reasons == ()
+
+
+# --- what forbids everything
+
+
+def test_without_permission_nothing_moves_and_the_reason_is_the_modes() -> None:
+    b = bench()
+    b.situation = replace(b.situation, permission=Permission(reasons=(Reason(StopReason.HOLD),)))
+    command = b.check(Twist(0.4, 0.2))
+    assert command.stops
+    assert kinds(command) == {StopReason.HOLD}
+
+
+def test_without_permission_and_without_a_reason_it_is_not_armed() -> None:
+    b = bench()
+    b.situation = replace(b.situation, permission=Permission())
+    assert kinds(b.check(Twist(0.4, 0.2))) == {StopReason.DISARMED}
+
+
+def test_an_emergency_stop_asks_for_the_hardest_braking() -> None:
+    b = bench()
+    b.situation = replace(b.situation, permission=Permission(reasons=(Reason(StopReason.ESTOP),)))
+    assert b.check(Twist(0.4, 0.2)).emergency
+    assert not bench().check(Twist(0.4, 0.2)).emergency
+
+
+@pytest.mark.parametrize("name", list(STREAMS))
+@pytest.mark.parametrize("wish", [Twist(0.4, 0.0), Twist(0.0, 0.4), Twist(-0.1, 0.0)])
+def test_each_stale_stream_stops_every_motion_and_is_named(name: str, wish: Twist) -> None:
+    b = bench()
+    b.freshness.newest[name] = NOW - STREAMS[name].stale_after - 0.01
+    command = b.check(wish)
+    assert command.stops
+    assert [(r.stop, r.device) for r in command.reasons] == [(STREAMS[name].reason, name)]
+    assert "old" in command.reasons[0].detail
+
+
+@pytest.mark.parametrize("name", list(STREAMS))
+def test_a_stamp_that_is_no_number_or_in_the_future_stops(name: str) -> None:
+    for stamp in (nan, NOW + 1.0):
+        b = bench()
+        b.freshness.newest[name] = stamp
+        assert b.check(Twist(0.4, 0.0)).stops
+
+
+@pytest.mark.parametrize(
+    "wish",
+    [Twist(nan, 0.0), Twist(0.1, inf), WheelSpeeds(nan, 0.1), TurnBy(nan), TurnBy(0.1, -inf)],
+)
+def test_a_wish_that_is_no_number_stops(wish: Wish) -> None:
+    command = bench().check(wish)
+    assert command.stops
+    assert kinds(command) == {StopReason.ABSURD_DATA}
+
+
+@pytest.mark.parametrize(
+    "odometry",
+    [
+        Odometry(NOW, NOW, Pose2(nan, 0, 0), Twist()),
+        Odometry(NOW, NOW, Pose2(), Twist(inf, 0)),
+        Odometry(NOW, NOW, Pose2(), Twist(4.0, 0)),
+        Odometry(NOW, NOW, Pose2(), Twist(0, -12.0)),
+    ],
+)
+def test_implausible_odometry_stops(odometry: Odometry) -> None:
+    b = bench()
+    b.situation = replace(b.situation, odometry=odometry)
+    assert kinds(b.check(Twist(0.4, 0.0))) == {StopReason.ABSURD_DATA}
+
+
+@pytest.mark.parametrize(
+    "ranges",
+    [np.where(np.arange(181) < 60, nan, 3.0), np.full(181, -0.1), np.full(181, nan)],
+)
+def test_an_implausible_scan_stops(ranges: Array) -> None:
+    assert kinds(bench().sees(ranges).check(Twist(0.4, 0.0))) == {StopReason.ABSURD_DATA}
+
+
+def test_some_dazzled_beams_do_not_stop() -> None:
+    assert not bench().sees(np.where(np.arange(181) < 40, nan, inf)).check(Twist(0.4, 0.0)).stops
+
+
+def test_what_is_not_known_stops() -> None:
+    b = bench()
+    for situation, reason in (
+        (replace(b.situation, base=None), StopReason.ODOMETRY_STALE),
+        (replace(b.situation, odometry=None), StopReason.ODOMETRY_STALE),
+        (replace(b.situation, view=None), StopReason.SCAN_STALE),
+    ):
+        b.situation = situation
+        assert kinds(b.check(Twist(0.4, 0.0))) == {reason}
+
+
+# --- caps
+
+
+@pytest.mark.parametrize(
+    ("changes", "wish", "limit"),
+    [
+        ({}, Twist(5.0, 0.0), Twist(0.7, 0.0)),
+        ({"max_speed_mps": 0.5}, Twist(5.0, 0.0), Twist(0.5, 0.0)),
+        ({"max_speed_mps": 2.0, "watchdog_s": 4.0}, Twist(5.0, 0.0), Twist(0.35, 0.0)),
+        ({"max_turn_degps": 30.0}, Twist(0.0, 5.0), Twist(0.0, radians(30))),
+        ({"max_turn_degps": 30.0}, Twist(0.0, -5.0), Twist(0.0, -radians(30))),
+    ],
+)
+def test_speeds_are_capped_with_a_reason(
+    changes: dict[str, float], wish: Twist, limit: Twist
+) -> None:
+    command = bench(**changes).check(wish)
+    assert twist(command) == limit
+    assert kinds(command) == {StopReason.LIMIT}
+    assert not any(reason.full_stop for reason in command.reasons)
+
+
+def test_the_permission_caps_with_its_own_reason() -> None:
+    b = bench()
+    doubt = Reason(StopReason.TARGET_UNSURE, full_stop=False)
+    b.situation = replace(b.situation, permission=Permission(True, 0.25, 0.0, (doubt,)))
+    command = b.check(Twist(0.6, 0.0))
+    assert twist(command).v == 0.25
+    assert kinds(command) == {StopReason.TARGET_UNSURE}
+
+
+def test_a_permission_to_turn_only_stops_the_wheels_going_forward() -> None:
+    b = bench()
+    b.situation = replace(b.situation, permission=Permission(True, 0.0))
+    command = b.check(Twist(0.6, 0.3))
+    assert twist(command) == Twist(0.0, 0.3)
+    assert any(reason.full_stop for reason in command.reasons)
+
+
+def test_a_permission_that_is_no_number_is_none() -> None:
+    b = bench()
+    b.situation = replace(b.situation, permission=Permission(True, nan))
+    assert b.check(Twist(0.6, 0.0)).stops
+
+
+def test_speed_grows_no_faster_than_the_acceleration() -> None:
+    b = bench(accel_mps2=0.5)
+    before = 0.0
+    for k in range(20):
+        now = NOW + 0.01 * k
+        for name in STREAMS:
+            b.freshness.saw(name, now, now)
+        v = twist(b.guard.check(Twist(0.6, 0.0), b.situation, now)).v
+        assert v <= before + 0.5 * (0.25 if k == 0 else 0.01) + 1e-9
+        before = v
+    assert before > 0.1
+
+
+def test_turning_the_other_way_starts_from_standstill() -> None:
+    b = bench()
+    b.check(Twist(0.0, 0.8))
+    command = b.guard.check(Twist(0.0, -0.8), b.situation, NOW)
+    assert -0.8 < twist(command).omega < 0.0
+
+
+def test_slowing_down_is_not_delayed() -> None:
+    b = bench()
+    b.check(Twist(0.6, 0.0))
+    assert twist(b.guard.check(Twist(0.1, 0.0), b.situation, NOW)).v == 0.1
+
+
+def test_after_a_stop_the_speed_grows_from_zero() -> None:
+    b = bench()
+    b.check(Twist(0.6, 0.0))
+    b.guard.check(None, b.situation, NOW)
+    assert twist(b.guard.check(Twist(0.6, 0.0), b.situation, NOW)).v < 0.01
+
+
+@pytest.mark.parametrize("name", list(STREAMS))
+def test_ageing_data_slow_the_robot_before_they_stop_it(name: str) -> None:
+    b = bench()
+    b.freshness.newest[name] = NOW - 0.9 * STREAMS[name].stale_after
+    command = b.check(Twist(0.6, 0.0))
+    assert twist(command).v == 0.3
+    assert [(r.stop, r.full_stop) for r in command.reasons] == [(STREAMS[name].reason, False)]
+
+
+# --- the command's life
+
+
+def test_a_command_lives_a_quarter_second_at_most() -> None:
+    assert bench().check(Twist(0.4, 0.0)).expires == pytest.approx(NOW + 0.25)
+
+
+@pytest.mark.parametrize("name", list(STREAMS))
+def test_a_command_dies_with_the_data_it_stands_on(name: str) -> None:
+    b = bench()
+    b.freshness.newest[name] = NOW - 0.2
+    command = b.check(Twist(0.2, 0.0))
+    assert command.expires == pytest.approx(min(NOW + 0.25, NOW - 0.2 + STREAMS[name].stale_after))
+
+
+# --- the target
+
+
+@pytest.mark.parametrize("distance", [0.2, 0.9, 1.0])
+def test_no_forward_speed_below_the_least_distance(distance: float) -> None:
+    b = bench()
+    b.situation = replace(b.situation, target=(distance, 0.0))
+    command = b.check(Twist(0.5, 0.2))
+    assert twist(command) == Twist(0.0, 0.2)
+    assert kinds(command) == {StopReason.PERSON_TOO_CLOSE}
+
+
+def test_the_approach_to_the_target_slows_down() -> None:
+    b = bench()
+    b.situation = replace(b.situation, target=(1.1, 0.0))
+    assert twist(b.check(Twist(0.5, 0.0))).v == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("target", [None, (nan, 0.0)])
+def test_an_unknown_distance_allows_turning_only(target: tuple[float, float] | None) -> None:
+    b = bench()
+    b.situation = replace(b.situation, target=target)
+    command = b.check(Twist(0.5, 0.2))
+    assert twist(command) == Twist(0.0, 0.2)
+
+
+def test_an_unknown_distance_is_named() -> None:
+    b = bench()
+    b.situation = replace(b.situation, target=None)
+    assert kinds(b.check(Twist(0.5, 0.0))) == {StopReason.RANGE_UNKNOWN}
+
+
+# --- obstacles
+
+
+def test_a_wall_inside_the_margin_stops() -> None:
+    command = bench().sees(seen((0, 40, 0.85))).check(Twist(0.5, 0.0))
+    assert command.stops
+    assert kinds(command) == {StopReason.OBSTACLE}
+    assert command.reasons[0].full_stop
+
+
+def test_the_speed_fits_the_way_to_the_margin() -> None:
+    s = GuardSettings()
+    v = twist(bench().sees(seen((0, 3, 1.3))).check(Twist(0.7, 0.0))).v
+    assert 0.1 < v < 0.6
+    way = 1.3 - s.front_m - s.margin_m
+    assert v * s.reaction_s + v * v / (2 * s.deceleration_mps2) == pytest.approx(way, abs=0.01)
+
+
+def test_the_targets_own_returns_are_owed_less_but_never_nothing() -> None:
+    b = bench().sees(seen((0, 3, 1.0)))
+    assert twist(b.check(Twist(0.5, 0.0))).v < 0.2
+    b.situation = replace(b.situation, claimed=(slice(85, 97),))
+    assert 0.2 < twist(b.check(Twist(0.5, 0.0))).v < 0.5
+    near = bench().sees(seen((0, 3, 0.6)))
+    near.situation = replace(near.situation, claimed=(slice(85, 97),))
+    assert near.check(Twist(0.5, 0.0)).stops
+
+
+@given(st.floats(0.3, 4.0), st.floats(0.0, 1.0), st.floats(-12, 12), st.floats(0.05, 1.5))
+def test_more_clearance_never_means_less_speed(
+    near: float, more: float, bearing: float, speed: float
+) -> None:
+    wish = Twist(speed, 0.0)
+    slow = twist(bench().sees(seen((bearing, 4, near))).check(wish)).v
+    # straight back along the way, not along the beam: the sideways distance stays
+    x, y = near * cos(radians(bearing)) + more, near * sin(radians(bearing))
+    farther = seen((np.degrees(np.arctan2(y, x)), 4 * near / hypot(x, y), hypot(x, y)))
+    fast = twist(bench().sees(farther).check(wish)).v
+    assert fast >= slow - 0.06  # one beam more or less on the edge
+
+
+def test_old_returns_are_moved_with_the_robot() -> None:
+    b = bench().sees(seen((0, 3, 1.5)))
+    before = twist(b.check(Twist(0.7, 0.0))).v
+    b.situation = replace(b.situation, base=Pose2(0.3, 0.0, 0.0))
+    assert twist(b.check(Twist(0.7, 0.0))).v < before - 0.1
+
+
+def test_a_turned_robot_looks_where_it_will_go() -> None:
+    b = bench().sees(seen((0, 20, 0.9)))
+    assert b.check(Twist(0.5, 0.0)).stops
+    b.situation = replace(b.situation, base=Pose2(0.0, 0.0, radians(60)))
+    assert twist(b.check(Twist(0.5, 0.0))).v == 0.5
+
+
+@pytest.mark.parametrize("aside", [0.45, 0.40])
+def test_door_posts_beside_the_way_do_not_stop(aside: float) -> None:
+    for ahead in np.arange(-0.2, 1.5, 0.1):
+        ranges = np.minimum(post(ahead, aside), post(ahead, -aside))
+        assert twist(bench().sees(ranges).check(Twist(0.5, 0.0))).v >= 0.4
+
+
+@pytest.mark.parametrize("width", [0.9, 1.2, 2.0])
+def test_a_corridor_is_driven_along(width: float) -> None:
+    command = bench().sees(walls(width / 2, width / 2)).check(Twist(0.5, 0.03))
+    assert twist(command).v >= 0.3
+
+
+def test_something_close_beside_the_way_slows_and_says_so() -> None:
+    command = bench().sees(post(0.4, 0.35)).check(Twist(0.7, 0.0))
+    assert 0.4 <= twist(command).v < 0.6
+    assert "beside" in command.reasons[0].detail
+
+
+def test_what_the_arc_hits_counts_and_not_what_lies_straight_ahead() -> None:
+    ahead, aside = post(1.0, 0.0), post(0.75, 0.45)
+    left = Twist(0.4, 0.5)
+    assert twist(bench().sees(aside).check(left)).v < twist(bench().sees(ahead).check(left)).v
+
+
+def test_an_arc_that_is_blocked_becomes_a_turn_on_the_spot() -> None:
+    command = bench().sees(seen((0, 60, 0.7))).check(Twist(0.5, 0.4))
+    assert twist(command) == Twist(0.0, 0.4)
+    assert any(reason.stop is StopReason.OBSTACLE for reason in command.reasons)
+
+
+def test_arcs_that_get_worse_and_worse_end_in_a_turn_on_the_spot() -> None:
+    b = bench()
+    wish = Twist(0.6418, 0.5787)
+    points = np.array([[0.951, 1.190], [0.780, 0.756], [1.514, -0.248], [1.494, 0.371]])
+    assert b.situation.view is not None
+    b.situation = replace(b.situation, view=replace(b.situation.view, points=points))
+    b.guard._approved = wish
+    command = b.guard.check(wish, b.situation, NOW)
+    assert twist(command) == Twist(0.0, 0.5787)
+    assert kinds(command) == {StopReason.OBSTACLE}
+
+
+def test_a_turn_on_the_spot_stops_before_a_corner_touches() -> None:
+    beside = bench().sees(post(0.0, 0.28)).check(Twist(0.0, 0.9))
+    assert abs(twist(beside).omega) < 0.9
+    assert kinds(beside) == {StopReason.OBSTACLE}
+    assert bench().sees(post(0.0, 0.45)).check(Twist(0.0, 0.9)).reasons == ()
+
+
+def test_something_under_the_robot_stops_everything() -> None:
+    assert bench().sees(seen((0, 5, 0.1))).check(Twist(0.3, 0.3)).stops
+
+
+def test_a_sonar_echo_ahead_slows_what_the_laser_calls_free() -> None:
+    b = bench()
+    glass = Sonar(3, Pose2(0.17, 0.0, 0.0), 0.5)
+    b.guard.sense(replace(b.situation.odometry or _none(), sonar=(glass,)))
+    assert twist(b.check(Twist(0.5, 0.0))).v < 0.3
+
+
+def test_a_clear_sonar_never_allows_what_the_laser_forbids() -> None:
+    b = bench().sees(seen((0, 10, 0.8)))
+    clear = Sonar(3, Pose2(0.17, 0.0, 0.0), 5.0)
+    b.guard.sense(replace(b.situation.odometry or _none(), sonar=(clear,)))
+    assert b.check(Twist(0.5, 0.0)).stops
+
+
+def _none() -> Odometry:
+    raise AssertionError("the bench has odometry")
+
+
+# --- other people
+
+
+def test_another_person_near_the_way_means_a_crawl() -> None:
+    b = bench().sees(seen((35, 3, 1.1)))
+    command = b.check(Twist(0.7, 0.0))
+    assert twist(command).v == 0.3
+    assert kinds(command) == {StopReason.PERSON_TOO_CLOSE}
+
+
+def test_the_target_is_not_another_person() -> None:
+    b = bench().sees(seen((35, 3, 1.1)))
+    b.situation = replace(b.situation, claimed=(slice(120, 131),))
+    assert twist(b.check(Twist(0.7, 0.0))).v > 0.3
+
+
+def test_people_far_away_do_not_slow() -> None:
+    assert twist(bench().sees(seen((35, 3, 2.5))).check(Twist(0.7, 0.0))).v == 0.7
+
+
+# --- backward
+
+
+def reversing(*ranges: float, age: float = 0.1) -> Command:
+    b = bench()
+    sonar = tuple(replace(r, range=at) for r, at in zip(REAR, ranges, strict=False))
+    stamp = NOW - age
+    b.guard.sense(Odometry(stamp, stamp, Pose2(), Twist(), sonar=sonar))
+    return b.check(Twist(-0.4, 0.0))
+
+
+def test_backward_only_slowly() -> None:
+    command = reversing(*[3.0] * 8)
+    assert twist(command).v == -0.15
+    assert kinds(command) == {StopReason.LIMIT}
+
+
+@pytest.mark.parametrize(
+    ("ranges", "age", "reason"),
+    [
+        ([], 0.1, StopReason.REAR_UNSEEN),
+        ([3.0] * 2, 0.1, StopReason.REAR_UNSEEN),
+        ([3.0] * 8, 0.6, StopReason.REAR_UNSEEN),
+        ([3.0] * 7 + [0.3], 0.1, StopReason.OBSTACLE),
+    ],
+)
+def test_not_backward_where_the_sonar_has_not_just_looked(
+    ranges: list[float], age: float, reason: StopReason
+) -> None:
+    command = reversing(*ranges, age=age)
+    assert command.stops
+    assert kinds(command) == {reason}
+
+
+# --- other wishes
+
+
+def test_wheel_speeds_pass_unchanged_where_they_are_free() -> None:
+    wish = WheelSpeeds(0.3, 0.4)
+    assert bench().check(wish).motion == wish
+
+
+def test_too_fast_wheel_speeds_come_out_as_a_twist() -> None:
+    motion = bench().check(WheelSpeeds(2.0, 2.0)).motion
+    assert motion == Twist(0.7, 0.0)
+
+
+def test_a_turn_by_an_angle_keeps_its_angle_and_loses_speed() -> None:
+    b = bench().sees(seen((0, 60, 0.7)))
+    assert b.check(TurnBy(0.1, 0.5)).motion == TurnBy(0.1, 0.0)
+
+
+def test_a_turn_by_an_angle_that_would_touch_goes_on_only_as_slowly_as_it_can_stop() -> None:
+    motion = bench().sees(post(0.0, 0.218)).check(TurnBy(0.5)).motion
+    assert isinstance(motion, Twist)
+    assert 0.0 < motion.omega < 0.5
+
+
+# --- properties
+
+
+numbers = st.floats(allow_nan=True, allow_infinity=True, width=32)
+twists = st.builds(Twist, numbers, numbers)
+wishes = twists | st.builds(WheelSpeeds, numbers, numbers) | st.builds(TurnBy, numbers, numbers)
+scans = st.lists(
+    st.tuples(st.floats(-90, 90), st.floats(0, 40), st.floats(0.05, 6)), max_size=4
+).map(lambda things: seen(*things))
+ages = st.floats(-0.2, 0.6)
+targets = st.none() | st.tuples(st.floats(-4, 4), st.floats(-4, 4))
+
+
+@given(wishes, scans, ages, ages, ages, targets, st.floats(0, 2) | st.just(nan))
+def test_whatever_comes_in_what_goes_out_is_within_all_bounds(
+    wish: Wish, ranges: Array, scan: float, image: float, base: float,
+    target: tuple[float, float] | None, cap: float,
+) -> None:  # fmt: skip
+    b = bench().sees(ranges)
+    b.situation = replace(b.situation, target=target, permission=Permission(True, cap))
+    b.freshness.newest.update(scan=NOW - scan, image=NOW - image, odometry=NOW - base)
+    command = b.guard.check(wish, b.situation, NOW)
+    stale = scan > 0.3 or image > 0.3 or base > 0.35
+    if command.motion is None:
+        assert command.reasons or command.expires == NOW
+        return
+    assert not stale
+    assert min(scan, image, base) >= -0.05
+    got = b.guard._twist(command.motion)
+    assert isfinite(got.v)
+    assert isfinite(got.omega)
+    assert -0.15 <= got.v <= 0.7 + 1e-9
+    assert got.v == 0.0 or abs(got.v) <= cap
+    assert abs(got.omega) <= radians(57.0) + 1e-9
+    assert NOW <= command.expires <= NOW + 0.25
+    assert command.expires <= NOW - max(scan - 0.3, image - 0.3, base - 0.35) + 1e-9
+    if got.v > 0:
+        assert target is not None
+        assert hypot(*target) >= 1.0
+    if command.motion != wish:
+        assert command.reasons
+
+
+@given(scans, st.floats(0.05, 0.7), st.floats(-0.9, 0.9))
+def test_what_is_allowed_stops_before_anything_in_its_way(
+    ranges: Array, v: float, omega: float
+) -> None:
+    b = bench().sees(ranges)
+    got = twist(b.check(Twist(v, omega)))
+    if got.v == 0.0 or b.situation.view is None:
+        return
+    s = b.settings
+    way = got.v * s.reaction_s + got.v**2 / (2 * s.deceleration_mps2)
+    points = b.situation.view.points[np.isfinite(b.situation.view.points[:, 0])]
+    for travelled in np.linspace(0.0, way, 8):
+        moved = (~Pose2().moved(got.v, got.omega, travelled / got.v)).apply(points)
+        inside = (moved[:, 0] < s.front_m) & (moved[:, 0] > -s.rear_m)
+        assert not (inside & (np.abs(moved[:, 1]) < s.half_width_m - 1e-6)).any()

@@ -1,0 +1,387 @@
+"""When the robot may move: one table, and the times that bound doubt."""
+
+from math import inf, radians
+
+import pytest
+
+from followerd.control.freshness import Freshness
+from followerd.control.mode import (
+    ARMED,
+    TRANSITIONS,
+    Action,
+    Modes,
+    ModeSettings,
+    Permission,
+    Signal,
+)
+from followerd.geometry import Pose2
+from followerd.messages import Fault, Mode, Odometry, StopReason, TrackPhase, TrackState, Twist
+from followerd.streams import STREAMS
+
+
+class Story:
+    """Modes with fresh data every 50 ms, as the pipeline drives them."""
+
+    def __init__(self) -> None:
+        self.freshness = Freshness()
+        self.modes = Modes(ModeSettings(), self.freshness)
+        self.now = 0.0
+        self.dead: set[str] = set()
+        self.phase = TrackPhase.CONFIRMED
+        self.confidence = 0.9
+        self.bearing = 0.2
+        self.sigma = 0.1
+        self.motors = True
+        self.base: dict[str, object] = {}
+
+    def run(self, seconds: float) -> Permission:
+        for _ in range(round(seconds / 0.05)):
+            self.now += 0.05
+            for name in STREAMS.keys() - self.dead:
+                self.freshness.saw(name, self.now, self.now)
+            if "image" not in self.dead:
+                track = TrackState(self.now, self.phase, self.confidence, bearing=self.bearing)
+                self.modes.track(track if self.modes.enrolled else None, self.sigma, self.now)
+            if "odometry" not in self.dead:
+                self.modes.base(self.odometry(), self.now)
+            permission = self.modes.permission(self.now)
+        return permission
+
+    def odometry(self) -> Odometry:
+        stall = (bool(self.base.get("stall")), False)
+        return Odometry(
+            self.now, self.now, Pose2(), Twist(), stall,
+            bumpers_front=2 if self.base.get("bump") else 0,
+            stop_button=bool(self.base.get("stop_button")),
+            motors_enabled=self.motors,
+        )  # fmt: skip
+
+    def do(self, *actions: Action) -> str:
+        return "".join(self.modes.operate(action, self.now) for action in actions)
+
+    def mode(self) -> Mode:
+        return self.modes.mode
+
+
+def following() -> Story:
+    story = Story()
+    story.run(2.5)
+    assert story.do(Action.ENROL, Action.CONFIRM) == ""
+    story.run(0.1)
+    assert story.do(Action.ARM) == ""
+    story.run(0.5)
+    assert story.mode() is Mode.FOLLOWING
+    return story
+
+
+def kinds(permission: Permission) -> set[StopReason]:
+    return {reason.stop for reason in permission.reasons}
+
+
+def test_a_fresh_daemon_is_disarmed_and_says_what_is_missing() -> None:
+    story = Story()
+    permission = story.modes.permission(0.0)
+    assert story.mode() is Mode.DISARMED
+    assert not permission.move
+    assert {StopReason.SCAN_STALE, StopReason.NO_TARGET} <= kinds(permission)
+
+
+def test_following_allows_everything() -> None:
+    assert following().run(1.0) == Permission(True, inf)
+
+
+@pytest.mark.parametrize(
+    ("before", "seconds", "text"),
+    [
+        ((), 2.5, "no person enrolled"),
+        ((Action.ENROL,), 2.5, "not confirmed"),
+        ((Action.ENROL, Action.CONFIRM), 1.5, "waiting for all sensors"),
+    ],
+)
+def test_arming_is_refused_with_the_reason(
+    before: tuple[Action, ...], seconds: float, text: str
+) -> None:
+    story = Story()
+    story.run(seconds)
+    story.do(*before)
+    assert text in story.do(Action.ARM)
+    assert story.mode() is Mode.DISARMED
+
+
+def test_arming_with_a_silent_sensor_names_it() -> None:
+    story = Story()
+    story.dead = {"scan"}
+    story.run(3.0)
+    story.do(Action.ENROL, Action.CONFIRM)
+    assert "laser data too old (scan): nothing yet" in story.do(Action.ARM)
+
+
+def test_arming_with_the_stop_button_pressed_is_refused() -> None:
+    story = Story()
+    story.base = {"stop_button": True}
+    story.run(3.0)
+    story.do(Action.ENROL, Action.CONFIRM)
+    assert "STOP button" in story.do(Action.ARM)
+
+
+def test_a_gap_starts_the_two_fresh_seconds_again() -> None:
+    story = Story()
+    story.run(2.5)
+    story.do(Action.ENROL, Action.CONFIRM)
+    story.dead = {"scan"}
+    story.run(0.5)
+    story.dead = set()
+    story.run(1.0)
+    assert story.do(Action.ARM) == StopReason.START_UP.value
+    story.run(1.2)
+    assert story.do(Action.ARM) == ""
+
+
+def test_confirming_nobody_is_refused() -> None:
+    assert "no person enrolled" in Story().do(Action.CONFIRM)
+
+
+def test_ready_waits_for_motors_and_five_good_frames() -> None:
+    story = Story()
+    story.run(2.5)
+    story.do(Action.ENROL, Action.CONFIRM)
+    story.motors = False
+    story.do(Action.ARM)
+    permission = story.run(1.0)
+    assert story.mode() is Mode.READY
+    assert kinds(permission) == {StopReason.START_UP}
+    story.motors = True
+    story.run(0.05)
+    assert story.mode() is Mode.FOLLOWING
+
+
+def test_motors_that_do_not_come_on_disarm() -> None:
+    story = Story()
+    story.run(2.5)
+    story.do(Action.ENROL, Action.CONFIRM)
+    story.motors = False
+    story.do(Action.ARM)
+    permission = story.run(3.2)
+    assert story.mode() is Mode.DISARMED
+    assert StopReason.MOTORS_OFF in kinds(permission)
+
+
+@pytest.mark.parametrize(
+    ("base", "mode", "reason"),
+    [
+        ("stall", Mode.FAULT, StopReason.WHEEL_STALL),
+        ("bump", Mode.FAULT, StopReason.BUMPER),
+        ("stop_button", Mode.DISARMED, StopReason.STOP_BUTTON),
+    ],
+)
+def test_stall_bump_and_stop_button_need_arming_again(
+    base: str, mode: Mode, reason: StopReason
+) -> None:
+    story = following()
+    story.base = {base: True}
+    assert kinds(story.run(0.05)) >= {reason}
+    assert story.mode() is mode
+    story.base = {}
+    assert not story.run(5.0).move
+    assert story.do(Action.ARM) == ""
+    story.run(0.5)
+    assert story.mode() is Mode.FOLLOWING
+
+
+def test_motors_switched_off_by_hand_disarm() -> None:
+    story = following()
+    story.motors = False
+    assert StopReason.MOTORS_OFF in kinds(story.run(0.05))
+    assert story.mode() is Mode.DISARMED
+
+
+def test_a_lost_base_disarms_and_does_not_resume() -> None:
+    story = following()
+    story.dead = {"odometry"}
+    permission = story.run(0.5)
+    assert story.mode() is Mode.DISARMED
+    assert StopReason.ODOMETRY_STALE in kinds(permission)
+    story.dead = set()
+    assert not story.run(5.0).move
+
+
+@pytest.mark.parametrize("name", ["scan", "image"])
+def test_a_stale_sensor_holds_and_five_good_frames_resume(name: str) -> None:
+    story = following()
+    story.dead = {name}
+    permission = story.run(0.5)
+    assert story.mode() is Mode.HOLDING
+    assert kinds(permission) == {STREAMS[name].reason}
+    assert not permission.move
+    story.dead = set()
+    assert story.run(0.2).max_speed == 0.0
+    assert story.run(0.1) == Permission(True, inf)
+
+
+def test_a_failed_device_is_a_fault_until_it_is_back_and_armed_again() -> None:
+    story = following()
+    story.modes.fault(Fault(story.now, "laser", StopReason.LINK_LOST, "unplugged"), story.now)
+    assert story.mode() is Mode.FAULT
+    assert not story.run(0.1).move
+    assert "device lost (laser): unplugged" in story.do(Action.ARM)
+    assert "laser" in story.do(Action.CLEAR)
+    recovered = Fault(story.now, "laser", StopReason.LINK_LOST, recovered=True)
+    story.modes.fault(recovered, story.now)
+    assert not story.run(5.0).move
+    assert story.do(Action.CLEAR) == ""
+    assert story.mode() is Mode.DISARMED
+    assert story.do(Action.ARM) == ""
+
+
+def test_a_fault_while_disarmed_refuses_arming() -> None:
+    story = Story()
+    story.run(2.5)
+    story.do(Action.ENROL, Action.CONFIRM)
+    story.modes.fault(Fault(story.now, "base", StopReason.DEVICE_REFUSED), story.now)
+    assert story.mode() is Mode.DISARMED
+    assert "device refuses" in story.do(Action.ARM)
+
+
+def test_the_emergency_stop_latches_until_it_is_cleared_and_armed() -> None:
+    story = following()
+    assert story.do(Action.STOP) == ""
+    assert kinds(story.run(3.0)) == {StopReason.ESTOP}
+    assert "cannot arm while estop" in story.do(Action.ARM)
+    assert "cannot enrol while estop" in story.do(Action.ENROL)
+    assert story.do(Action.CLEAR) == ""
+    assert story.mode() is Mode.DISARMED
+    assert not story.run(3.0).move
+
+
+def test_holding_by_the_operator_lasts_until_armed_again() -> None:
+    story = following()
+    story.do(Action.HOLD)
+    assert kinds(story.run(5.0)) == {StopReason.HOLD}
+    story.phase = TrackPhase.LOST
+    story.run(2.0)
+    assert story.mode() is Mode.HOLDING
+    story.phase = TrackPhase.CONFIRMED
+    assert story.do(Action.ARM) == ""
+    story.run(0.5)
+    assert story.mode() is Mode.FOLLOWING
+
+
+def test_disarming_and_enrolling_somebody_else_end_the_armed_time() -> None:
+    story = following()
+    story.do(Action.DISARM)
+    assert kinds(story.run(0.1)) == {StopReason.DISARMED}
+    story = following()
+    story.do(Action.ENROL)
+    assert kinds(story.run(0.1)) == {StopReason.NOT_CONFIRMED}
+
+
+def test_doubt_stops_the_wheels_within_a_third_of_a_second_but_lets_it_turn() -> None:
+    story = following()
+    story.confidence = 0.1
+    permission = story.run(0.3)
+    assert story.mode() is Mode.HOLDING
+    assert permission.move
+    assert permission.max_speed == 0.0
+    assert kinds(permission) == {StopReason.TARGET_UNSURE}
+
+
+def test_one_doubtful_frame_only_slows() -> None:
+    story = following()
+    story.phase = TrackPhase.TENTATIVE
+    permission = story.run(0.05)
+    assert permission.max_speed == 0.4
+    assert not permission.reasons[0].full_stop
+    story.phase = TrackPhase.CONFIRMED
+    assert story.run(0.05) == Permission(True, inf)
+
+
+def test_four_good_frames_do_not_resume_and_five_do() -> None:
+    story = following()
+    story.confidence = 0.1
+    story.run(0.5)
+    story.confidence = 0.9
+    assert story.run(0.2).max_speed == 0.0
+    assert story.run(0.05).max_speed == inf
+
+
+def test_an_occluded_person_is_followed_slowly_for_five_seconds() -> None:
+    story = following()
+    story.phase = TrackPhase.OCCLUDED
+    assert story.run(0.5).max_speed == 0.4
+    assert story.run(4.0).max_speed == 0.4
+    assert story.run(0.7).max_speed == 0.0
+
+
+def test_an_occluded_person_of_unknown_place_is_a_doubt() -> None:
+    story = following()
+    story.phase, story.sigma = TrackPhase.OCCLUDED, 0.6
+    assert story.run(0.3).max_speed == 0.0
+    assert story.mode() is Mode.HOLDING
+
+
+def test_a_lost_person_is_coasted_to_ever_more_slowly_then_searched() -> None:
+    story = following()
+    story.phase = TrackPhase.LOST
+    speeds = [story.run(0.05).max_speed for _ in range(10)]
+    assert speeds == sorted(speeds, reverse=True)
+    assert 0.0 < speeds[0] <= 0.4
+    permission = story.run(0.1)
+    assert story.mode() is Mode.SEARCHING
+    assert permission.max_speed == 0.0
+    assert kinds(permission) == {StopReason.TARGET_LOST}
+
+
+@pytest.mark.parametrize(("bearing", "sign"), [(0.3, 1.0), (-0.3, -1.0)])
+def test_the_search_turns_toward_the_side_last_seen(bearing: float, sign: float) -> None:
+    story = following()
+    story.bearing = bearing
+    story.run(0.2)
+    story.phase = TrackPhase.LOST
+    permission = story.run(0.7)
+    assert permission.search * sign > 0
+    assert abs(permission.search) <= radians(28.7)
+
+
+def test_the_search_ends_after_ten_seconds_and_only_arming_goes_on() -> None:
+    story = following()
+    story.phase = TrackPhase.LOST
+    assert story.run(10.3).move
+    assert kinds(story.run(0.5)) == {StopReason.TARGET_LOST}
+    assert story.mode() is Mode.IDLE
+    story.phase = TrackPhase.CONFIRMED
+    assert not story.run(3.0).move
+    assert story.do(Action.ARM) == ""
+    story.run(0.5)
+    assert story.mode() is Mode.FOLLOWING
+
+
+def test_somebody_found_in_the_search_is_looked_at_and_followed_once_sure() -> None:
+    story = following()
+    story.phase = TrackPhase.LOST
+    story.run(2.0)
+    story.phase = TrackPhase.TENTATIVE
+    assert story.run(0.3).search == 0.0
+    story.phase = TrackPhase.CONFIRMED
+    story.run(0.3)
+    assert story.mode() is Mode.FOLLOWING
+
+
+def test_without_coasting_a_lost_person_stops_at_once() -> None:
+    story = following()
+    story.modes.settings = ModeSettings(coast_s=0.0)
+    story.phase = TrackPhase.LOST
+    assert story.run(0.05).max_speed == 0.0
+
+
+def test_the_table_knows_every_mode_and_never_arms_by_itself() -> None:
+    assert set(TRANSITIONS.values()) == set(Mode)
+    for (mode, trigger), goal in TRANSITIONS.items():
+        if mode not in ARMED and goal in ARMED:
+            assert trigger is Action.ARM
+        if isinstance(trigger, Signal):
+            assert mode in ARMED
+    assert all(TRANSITIONS[mode, Action.STOP] is Mode.ESTOP for mode in Mode)
+    assert [trigger for mode, trigger in TRANSITIONS if mode is Mode.ESTOP] == [
+        Action.STOP,
+        Action.CLEAR,
+    ]
