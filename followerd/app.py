@@ -12,22 +12,25 @@ import numpy as np
 from followerd import clock
 from followerd.config import Config
 from followerd.control.registry import CONTROLLERS
+from followerd.errors import ConfigError
 from followerd.hw.camera.driver import open_camera
 from followerd.hw.camera.settings import CameraSettings
 from followerd.hw.camera.source import FrameSource
-from followerd.hw.lms200.settings import Lms200Settings
+from followerd.hw.lms200.settings import Lms200Settings, delivered_period, oldest, stale_after
 from followerd.hw.registry import DRIVERS
 from followerd.hw.serial import open_link
 from followerd.hw.stream import Link
-from followerd.pipeline import Pipeline
+from followerd.pipeline import Pipeline, PipelineSettings
 from followerd.runtime.auto_operator import AutoOperator
 from followerd.runtime.control_socket import default_path, serve
 from followerd.runtime.daemon import Daemon
 from followerd.sim import scenarios
 from followerd.sim.faults import Fault
 from followerd.sim.rig import Equipment, Rig
+from followerd.streams import STREAMS
 from followerd.trackers.registry import TRACKERS
 
+DRIVE_LAG = 0.15  # s from a command to braking wheels
 DEFAULT_TWIN = "p3dx-sh"  # what the base's twin is where the config names no model
 
 Attach = Callable[[Daemon], None]
@@ -79,9 +82,28 @@ def build(config: Config, plugs: Plugs) -> Daemon:
             DRIVERS.load(config.camera.kind)(config.camera, plugs.camera),
         ],
         tracker,
-        Pipeline(config.pipeline, controller),
+        Pipeline(pipeline_settings(config), controller),
         config.image_work_s,
     )
+
+
+def pipeline_settings(config: Config) -> PipelineSettings:
+    """The config's, with what follows from the laser's rate.
+
+    Raises ConfigError when the laser is too slow to drive by.
+    """
+    laser, settings = _laser(config), config.pipeline
+    limit, most = stale_after(laser), STREAMS["scan"].stale_after
+    if limit > most:
+        raise ConfigError(
+            f"laser: {laser.variant.count} values at {laser.baud} baud come every"
+            f" {delivered_period(laser):.2f} s, too slow to drive by;"
+            " use resolution_deg: 1, field_deg: 100 or a higher baud"
+        )
+    limits = {"scan": limit, **settings.stale_after_s}
+    reaction = max(settings.guard.reaction_s, oldest(laser) + DRIVE_LAG)
+    guard = settings.guard.model_copy(update={"reaction_s": reaction})
+    return settings.model_copy(update={"stale_after_s": limits, "guard": guard})
 
 
 def rig(config: Config, faults: Sequence[Fault] = ()) -> Rig:
@@ -91,8 +113,7 @@ def rig(config: Config, faults: Sequence[Fault] = ()) -> Rig:
 
 def equipment(config: Config) -> Equipment:
     """What a config says of the robot's build."""
-    laser = Lms200Settings.model_validate(config.laser.model_dump(exclude={"kind", "link"}))
-    camera = _camera(config)
+    laser, camera = _laser(config), _camera(config)
     return Equipment(
         getattr(config.base, "model", None) or DEFAULT_TWIN,
         laser.mount.base_from_laser,
@@ -100,6 +121,10 @@ def equipment(config: Config) -> Equipment:
         camera.camera,
         camera.rate_hz,
     )
+
+
+def _laser(config: Config) -> Lms200Settings:
+    return Lms200Settings.model_validate(config.laser.model_dump(exclude={"kind", "link"}))
 
 
 def _camera(config: Config) -> CameraSettings:

@@ -18,13 +18,13 @@ class Stream:
     """What a stream promises."""
 
     type: type
-    stale_after: float  # s since it was measured; a config may lower it
+    stale_after: float  # s since it was measured, at most; the app lowers it to the device's rate
     on_stale: OnStale
     reason: StopReason
 
 
 STREAMS = {
-    "scan": Stream(Scan, 0.30, OnStale.STOP, StopReason.SCAN_STALE),
+    "scan": Stream(Scan, 0.40, OnStale.STOP, StopReason.SCAN_STALE),
     "image": Stream(Image, 0.30, OnStale.STOP, StopReason.IMAGE_STALE),
     "odometry": Stream(Odometry, 0.35, OnStale.DISARM, StopReason.ODOMETRY_STALE),
 }

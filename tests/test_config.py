@@ -82,3 +82,27 @@ def test_a_device_that_cannot_be_a_link_is_refused(write: Path) -> None:
 def test_the_schema_lists_every_section() -> None:
     properties = schema().model_json_schema()["properties"]
     assert {"base", "laser", "camera", "tracker", "controller", "pipeline"} <= set(properties)
+
+
+@pytest.mark.parametrize(
+    ("baud", "resolution", "limit"),
+    [(500000, 0.5, 0.20), (500000, 1, 0.20), (38400, 1, 0.35)],
+)
+def test_how_old_a_scan_may_be_follows_from_the_lasers_rate(
+    baud: int, resolution: float, limit: float
+) -> None:
+    config = load("hpf-sim", {"laser.baud": baud, "laser.resolution_deg": resolution})
+    settings = app.pipeline_settings(config)
+    assert settings.stale_after_s["scan"] == pytest.approx(limit, abs=0.01)
+
+
+@pytest.mark.parametrize(("baud", "resolution"), [(38400, 0.5), (19200, 1), (9600, 1)])
+def test_a_laser_too_slow_to_drive_by_is_refused(baud: int, resolution: float) -> None:
+    config = load("hpf-sim", {"laser.baud": baud, "laser.resolution_deg": resolution})
+    with pytest.raises(ConfigError, match="too slow to drive by; use resolution_deg: 1"):
+        app.pipeline_settings(config)
+
+
+def test_a_slower_laser_makes_the_guard_reckon_with_older_scans() -> None:
+    slow = load("hpf-sim", {"laser.baud": 38400, "laser.resolution_deg": 1})
+    assert app.pipeline_settings(slow).guard.reaction_s > load("hpf-sim").pipeline.guard.reaction_s

@@ -550,6 +550,8 @@ def test_a_turn_by_an_angle_that_would_touch_goes_on_only_as_slowly_as_it_can_st
 
 # --- properties
 
+SCAN_LIMIT = STREAMS["scan"].stale_after
+
 
 numbers = st.floats(allow_nan=True, allow_infinity=True, width=32)
 twists = st.builds(Twist, numbers, numbers)
@@ -570,7 +572,7 @@ def test_whatever_comes_in_what_goes_out_is_within_all_bounds(
     b.situation = replace(b.situation, target=target, permission=Permission(True, cap))
     b.freshness.newest.update(scan=NOW - scan, image=NOW - image, odometry=NOW - base)
     command = b.guard.check(wish, b.situation, NOW)
-    stale = scan > 0.3 or image > 0.3 or base > 0.35
+    stale = scan > SCAN_LIMIT or image > 0.3 or base > 0.35
     if command.motion is None:
         assert command.reasons or command.expires == NOW
         return
@@ -583,7 +585,7 @@ def test_whatever_comes_in_what_goes_out_is_within_all_bounds(
     assert got.v == 0.0 or abs(got.v) <= cap
     assert abs(got.omega) <= radians(57.0) + 1e-9
     assert NOW <= command.expires <= NOW + 0.25
-    assert command.expires <= NOW - max(scan - 0.3, image - 0.3, base - 0.35) + 1e-9
+    assert command.expires <= NOW - max(scan - SCAN_LIMIT, image - 0.3, base - 0.35) + 1e-9
     if got.v > 0:
         assert target is not None
         assert hypot(*target) >= 1.0

@@ -6,8 +6,11 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from followerd.geometry import Pose2
-from followerd.hw.lms200.variant import VARIANTS, Variant
+from followerd.hw.lms200.variant import VARIANTS, Variant, line_time
 from followerd.settings import Settings
+
+MISSED = 2.3  # periods without a scan: two are missing, not one that is a little late
+LEAST_STALE = 0.2  # s; a busy computer may hold up the fast scans of 500000 baud by more
 
 
 class Mount(Settings):
@@ -49,6 +52,22 @@ class Lms200Settings(Settings):
     def variant(self) -> Variant:
         """Field and resolution as the device names them."""
         return Variant(self.field_deg, round(self.resolution_deg * 100))
+
+
+def oldest(settings: Lms200Settings) -> float:
+    """Age in s of a scan's first beam when the next scan is complete: what a stop reckons."""
+    variant = settings.variant
+    return variant.age + _on_the_line(settings) + variant.delivered_period(settings.baud)
+
+
+def stale_after(settings: Lms200Settings) -> float:
+    """Age in s of the first beam at which two scans in a row are missing."""
+    missed = MISSED * delivered_period(settings)
+    return max(settings.variant.age + _on_the_line(settings) + missed, LEAST_STALE)
+
+
+def _on_the_line(settings: Lms200Settings) -> float:
+    return line_time(settings.variant.telegram_bytes, settings.baud)
 
 
 def delivered_period(settings: Lms200Settings) -> float:
