@@ -20,6 +20,7 @@ from followerd.hw.lms200.settings import Lms200Settings, delivered_period, oldes
 from followerd.hw.registry import DRIVERS
 from followerd.hw.serial import open_link
 from followerd.hw.stream import Link
+from followerd.messages import Box
 from followerd.pipeline import Pipeline, PipelineSettings
 from followerd.runtime.auto_operator import AutoOperator
 from followerd.runtime.control_socket import default_path, serve
@@ -150,5 +151,8 @@ async def virtual(config: Config, duration: float, attach: Attach, world: Rig) -
 
 
 def _parts(daemon: Daemon, config: Config) -> list[Coroutine[Any, Any, None]]:
-    operator = [AutoOperator(daemon).run()] if config.operator == "auto" else []
-    return [*operator, daemon.run()]
+    if config.operator == "manual":
+        return [daemon.run()]
+    region = None if config.enrol_px is None else Box(*config.enrol_px)
+    operator = AutoOperator(daemon, region, arm=config.operator == "auto")
+    return [operator.run(), daemon.run()]

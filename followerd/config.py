@@ -49,8 +49,13 @@ class Config(Settings):
     controller: ChoiceSection
     pipeline: PipelineSettings = PipelineSettings()
     sim: SimSection = SimSection()
-    operator: Literal["manual", "auto"] = Field(
-        "manual", description="auto: enrols whoever stands in front, confirms and arms by itself"
+    operator: Literal["manual", "auto", "watch"] = Field(
+        "manual",
+        description="auto: enrols whoever stands in front, confirms and arms by itself;"
+        " watch: enrols and confirms, never arms",
+    )
+    enrol_px: tuple[float, float, float, float] | None = Field(
+        None, description="x, y, w, h that auto and watch enrol instead of whoever stands in front"
     )
     seed: int = Field(0, ge=0, description="of the tracker's and the simulation's random numbers")
     image_work_s: float = Field(

@@ -10,10 +10,29 @@ from followerd.config import Config
 from followerd.messages import Decision
 from followerd.runtime.daemon import Daemon
 from followerd.runtime.stats import percentiles, summary
+from followerd.sim import scenarios
 from followerd.sim.rig import Rig
 from followerd.sim.truth import Truth
 
 Summary = dict[str, Any]
+
+
+def staged(config: Config) -> Config:
+    """The config as its scenario's task asks: `fixate` only turns, `watch` never arms.
+
+    What is to be watched need not be a person, so its place in the first picture is shown.
+    """
+    task = scenarios.load(config.sim.scenario).task
+    if task == "fixate":
+        turning = config.controller.model_copy(update={"turn_only": True})
+        return config.model_copy(update={"controller": turning})
+    if task == "watch" and config.enrol_px is None:
+        rig = app.rig(config)
+        rig.world.advance(0.0)
+        seen = rig.world.truth_box(app.equipment(config).camera)
+        region = None if seen is None else (seen[0].x, seen[0].y, seen[0].w, seen[0].h)
+        return config.model_copy(update={"operator": "watch", "enrol_px": region})
+    return config
 
 
 @dataclass

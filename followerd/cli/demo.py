@@ -14,7 +14,7 @@ import yaml
 from cyclopts import Parameter
 
 from followerd import app, clock
-from followerd.bench.closed_loop import Summary, simulate
+from followerd.bench.closed_loop import Summary, simulate, staged
 from followerd.bench.film import Film
 from followerd.cli.display import Display
 from followerd.cli.run import Ending, SummaryFile, live
@@ -48,8 +48,7 @@ def demo(
 ) -> None:
     """Watch a simulated Pioneer follow a person: the real daemon, its drivers and twins."""
     changes = {"sim.scenario": scenario, "seed": seed, **_preset(camera)}
-    settings = load(f"{tracker}-sim", changes)
-    scenarios.load(scenario)  # a wrong name is said before anything starts
+    settings = staged(load(f"{tracker}-sim", changes))
     ending = Ending()
     with Display(headless=headless) as display:
         logs.configure("warning" if display.is_shown else settings.log_level)

@@ -32,6 +32,7 @@ class ImageCenteringSettings(Settings):
     distance_gain_per_s: float = Field(0.9, gt=0, description="speed per metre, of `default`")
     lead: float = Field(0.9, ge=0, le=1.2, description="share of the person's speed fed forward")
     stroll_mps: float = Field(0.1, ge=0, description="slower persons are taken to stand")
+    turn_only: bool = Field(False, description="fixate (section 5.1): never forward or back")
 
 
 class ImageCentering:
@@ -45,7 +46,8 @@ class ImageCentering:
     def wish(self, target: Target) -> Twist:
         """The motion that follows `target`; no forward speed without a range."""
         paper = self.settings.profile == "paper"
-        return Twist(*(self._stepwise(target) if paper else self._smooth(target)))
+        v, omega = self._stepwise(target) if paper else self._smooth(target)
+        return Twist(0.0 if self.settings.turn_only else v, omega)
 
     def _stepwise(self, target: Target) -> tuple[float, float]:
         s = self.settings

@@ -30,16 +30,19 @@ log = structlog.get_logger()
 class AutoOperator:
     """Presses the buttons a person would press, as soon as the daemon allows."""
 
-    def __init__(self, daemon: Daemon) -> None:
+    def __init__(self, daemon: Daemon, region: Box | None = None, *, arm: bool = True) -> None:
+        """`region` (px) is enrolled instead of whoever stands in front; without `arm` it stands."""
         self._daemon = daemon
+        self._region = region
+        self._arm = arm
         self._scan: Scan | None = None
         daemon.measurement_watchers.append(self._look)
 
     async def run(self) -> None:
-        """Enrol, confirm and arm; then done."""
+        """Enrol, confirm and, if it may, arm; then done."""
         while not (await self._enrol() and not self._daemon.act(Action.CONFIRM)):
             await clock.sleep(RETRY)
-        while self._daemon.act(Action.ARM):
+        while self._arm and self._daemon.act(Action.ARM):
             await clock.sleep(RETRY)
 
     def _look(self, measurement: Measurement) -> None:
@@ -50,12 +53,15 @@ class AutoOperator:
         image = self._daemon.vision.newest
         if image is None or self._scan is None:
             return False
-        legs = person_ahead(self._scan, image.camera)
-        if legs is None:
-            log.info("nobody in front of the robot to enrol")
-            return False
+        region = self._region
+        if region is None:
+            legs = person_ahead(self._scan, image.camera)
+            if legs is None:
+                log.info("nobody in front of the robot to enrol")
+                return False
+            region = outline(image.camera, *legs)
         try:
-            await self._daemon.enrol(outline(image.camera, *legs), image.id)
+            await self._daemon.enrol(region, image.id)
         except UsageError as error:
             log.info("cannot enrol", error=str(error))
             return False

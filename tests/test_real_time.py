@@ -1,0 +1,149 @@
+"""Real processes, ptys and clocks: the daemon against `followerd sim`, as against hardware."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from math import hypot
+from pathlib import Path
+
+import pytest
+
+from followerd.sim import truth_log
+from followerd.sim.truth import Truth
+
+pytestmark = pytest.mark.slow
+
+FOLLOWERD = [sys.executable, "-m", "followerd"]
+CONFIG = """\
+base: {kind: p2os, link: sim}
+laser: {kind: lms200, link: sim, baud: 500000, resolution_deg: 0.5}
+camera: {kind: camera, link: sim, width: 192, height: 144, rate_hz: 15}
+tracker: {kind: hpf}
+controller: {kind: image_centering}
+"""
+
+
+class Lab:
+    """A simulated robot in a process of its own, and daemons started against it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.truth = folder / "truth.jsonl"
+        self.links = folder / "links"
+        self.processes: list[subprocess.Popen[bytes]] = []
+        self.sim = self.start(
+            "sim", "corridor", "--links", str(self.links), "--truth", str(self.truth)
+        )
+        self.until(lambda: self.truth.exists() and bool(truth_log.read(self.truth)))
+
+    def start(self, *arguments: str) -> "subprocess.Popen[bytes]":
+        """A followerd process."""
+        process = subprocess.Popen(
+            [*FOLLOWERD, *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+        )
+        self.processes.append(process)
+        return process
+
+    def daemon(self, operator: str, *more: str) -> "subprocess.Popen[bytes]":
+        """A daemon whose operator is `auto` or `manual`."""
+        config = self.folder / f"{operator}.yaml"
+        config.write_text(f"{CONFIG}operator: {operator}\nsocket: {self.folder / 'ctl'}\n")
+        return self.start("run", str(config), "--links", str(self.links), *more)
+
+    def until(self, what: Callable[[], bool], seconds: float = 25.0) -> None:
+        """Wait until something holds."""
+        end = time.monotonic() + seconds
+        while not what():
+            assert time.monotonic() < end, "it did not come to pass"
+            time.sleep(0.05)
+
+    def newest(self) -> Truth:
+        """What really is, a moment ago."""
+        return truth_log.read(self.truth)[-1]
+
+    def close(self) -> None:
+        """End everything."""
+        for process in reversed(self.processes):
+            process.terminate()
+            process.communicate(timeout=10)
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Iterator[Lab]:
+    built = Lab(tmp_path)
+    yield built
+    built.close()
+
+
+def distance(a: Truth, b: Truth) -> float:
+    return hypot(a.pose.x - b.pose.x, a.pose.y - b.pose.y)
+
+
+def test_a_killed_daemon_leaves_a_robot_that_stands_until_it_is_armed_again(lab: Lab) -> None:
+    daemon = lab.daemon("auto")
+    lab.until(lambda: lab.newest().twist.v > 0.2)
+    daemon.send_signal(signal.SIGKILL)
+    daemon.wait()
+    time.sleep(3.0)  # the base's own watchdog has stopped it, and keeps its setpoints
+    stood = lab.newest()
+    assert stood.twist.v == pytest.approx(0.0, abs=1e-3)
+    lab.daemon("manual")
+    time.sleep(6.0)
+    after = lab.newest()
+    assert distance(stood, after) == 0.0
+    assert after.pose.theta == stood.pose.theta
+
+
+def test_sigterm_stops_the_robot_before_the_daemon_ends(lab: Lab) -> None:
+    summary = lab.folder / "summary.json"
+    daemon = lab.daemon("auto", "--summary", str(summary))
+    lab.until(lambda: lab.newest().twist.v > 0.2)
+    daemon.send_signal(signal.SIGTERM)
+    assert daemon.wait(timeout=5) == 0
+    time.sleep(1.6)  # 0.7 m/s at 0.5 m/s^2
+    assert lab.newest().twist.v == pytest.approx(0.0, abs=1e-3)
+    figures = json.loads(summary.read_text())
+    assert figures["mode_s"]["following"] > 0
+    assert figures["follow"] is None  # it could not know the truth
+
+
+def test_a_daemon_is_told_what_to_do_by_ctl(lab: Lab) -> None:
+    lab.daemon("manual")
+
+    def ctl(*words: str) -> "subprocess.CompletedProcess[str]":
+        return subprocess.run(
+            [*FOLLOWERD, "ctl", *words, "--socket", str(lab.folder / "ctl")],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
+    lab.until(lambda: "newest_frame" in (out := ctl("status").stdout) and "frame: -" not in out)
+    assert "mode: disarmed" in ctl("status").stdout
+    refused = ctl("arm")
+    assert refused.returncode != 0
+    assert "no person enrolled" in refused.stderr
+    assert ctl("enrol", "73,11,42,102").returncode == 0
+    assert ctl("confirm").returncode == 0
+    lab.until(lambda: ctl("arm").returncode == 0)
+    lab.until(lambda: lab.newest().twist.v > 0.1)
+    assert ctl("stop").returncode == 0
+    time.sleep(1.6)
+    assert lab.newest().twist.v == pytest.approx(0.0, abs=1e-3)
+    assert "mode: estop" in ctl("status").stdout
+
+
+def test_when_the_simulation_ends_the_daemon_says_which_device_is_lost(lab: Lab) -> None:
+    daemon = lab.daemon("auto")
+    lab.until(lambda: lab.newest().twist.v > 0.1)
+    lab.sim.terminate()
+    lab.sim.wait(timeout=5)
+    time.sleep(2.0)
+    os.kill(daemon.pid, signal.SIGTERM)
+    _, told = daemon.communicate(timeout=5)
+    assert b'"device": "base"' in told
+    assert b"device lost" in told
