@@ -38,7 +38,7 @@ class Daemon:
         self.vision = Vision(tracker, pipeline.ego_at, self.handle, image_work)
         self.stats = Stats(began=clock.now())
         self.decision: Decision | None = None
-        self.decision_watchers: list[Callable[[Decision], None]] = [self.stats.decided]
+        self.decision_watchers: list[Callable[[Decision], None]] = []
         self.measurement_watchers: list[Callable[[Measurement], None]] = [self.stats.measured]
         self._motors = False
         base.on_sent = self.stats.sent
@@ -67,6 +67,7 @@ class Daemon:
         if decision.motors is not self._motors:
             self._motors = decision.motors
             self.base.enable_motors(decision.motors)
+        self.stats.decided(decision)  # before it is sent, so that a stop is timed
         self.base.drive(decision.command)
         if self.decision is None or decision.mode is not self.decision.mode:
             reasons = [str(reason) for reason in decision.reasons]

@@ -60,7 +60,8 @@ class Stats:
             self.mode = decision.mode
         stops = decision.command.stops
         if stops and self.moving:
-            for reason in decision.command.reasons[:1]:  # none: the follow law wished to stand
+            # without a reason to stop, the follow law wished to stand
+            for reason in [r for r in decision.command.reasons if r.full_stop][:1]:
                 self.stops.append(Stop(reason.stop.name.lower(), reason.device, decision.stamp))
         self.moving = not stops
 
