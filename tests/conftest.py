@@ -1,0 +1,14 @@
+"""What every test starts from."""
+
+from collections.abc import Iterator
+
+import pytest
+import structlog
+
+
+@pytest.fixture(autouse=True)
+def _fresh_logging() -> Iterator[None]:
+    """No test inherits another's log configuration."""
+    structlog.reset_defaults()
+    yield
+    structlog.reset_defaults()
