@@ -7,16 +7,16 @@ from cyclopts import App, CycloptsError
 from followerd import __version__
 from followerd.errors import FollowerdError
 
-COMMANDS = {
-    "demo": "followerd.cli.demo:demo",
-    "run": "followerd.cli.run:run",
-    "sim": "followerd.cli.sim:sim",
-    "ctl": "followerd.cli.ctl:ctl",
-    "check": "followerd.cli.check:check",
-    "schema": "followerd.cli.check:schema",
-    "track": "followerd.cli.track:track",
-    "bench": "followerd.cli.bench:bench",
-}  # imported only when called
+COMMANDS = {  # name -> where it lives, imported only when called; one line for the overview
+    "demo": ("followerd.cli.demo:demo", "Watch a simulated Pioneer follow a person."),
+    "run": ("followerd.cli.run:run", "Run the daemon on a config file."),
+    "sim": ("followerd.cli.sim:sim", "Offer a simulated robot's serial lines and camera."),
+    "ctl": ("followerd.cli.ctl:ctl", "Speak to a running daemon: enrol, confirm, arm, stop."),
+    "check": ("followerd.cli.check:check", "Validate a config file."),
+    "schema": ("followerd.cli.check:schema", "Print the JSON Schema of the config."),
+    "track": ("followerd.cli.track:track", "Run a tracker alone over a recording."),
+    "bench": ("followerd.cli.bench:bench", "Measure trackers and the whole daemon."),
+}
 
 INTERRUPTED = 130
 
@@ -32,8 +32,8 @@ def command_line() -> App:
         suppress_keyboard_interrupt=False,
         result_action="return_value",
     )
-    for name, place in COMMANDS.items():
-        app.command(place, name=name)
+    for name, (place, overview) in COMMANDS.items():
+        app.command(place, name=name, help=overview)
     return app
 
 

@@ -1,5 +1,7 @@
 """A robot body on an endless floor, for tests of the P2OS twin and driver."""
 
+from collections.abc import Sequence
+
 from followerd.geometry import Pose2
 
 
@@ -41,6 +43,6 @@ class FloorBody:
         """Wheel speeds from now on."""
         self.speeds = (left, right)
 
-    def sonar(self, disc: Pose2) -> float:
+    def sonar(self, discs: Sequence[Pose2]) -> list[float]:
         """The same from every disc."""
-        return self.echo + 0.0 * disc.x
+        return [self.echo] * len(discs)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from followerd.geometry import Array
-from followerd.sim.raycast import cast, distance_to_segments
+from followerd.sim.raycast import cast, cast_one, distance_to_segments
 
 NO_SEGMENTS, NO_CIRCLES = np.zeros((0, 4)), np.zeros((0, 3))
 coordinate = st.floats(-6, 6, width=32)
@@ -107,3 +107,26 @@ def test_a_hit_on_circles_lies_on_one_and_enters_none_before(
 def test_distance_to_a_segment_counts_its_ends(x: float, y: float, distance: float) -> None:
     found = distance_to_segments(x, y, np.array([[0.0, 0.0, 1.0, 0.0]]))
     assert found == pytest.approx([distance], abs=1e-12)
+
+
+@given(ray, st.lists(segment, max_size=8), st.lists(circle, max_size=6))
+def test_a_single_ray_without_arrays_finds_the_same(
+    ray: tuple[float, float, float],
+    segments: list[tuple[float, float, float, float]],
+    circles: list[tuple[float, float, float]],
+) -> None:
+    x, y, angle = ray
+    if _by_hand(x, y, angle, segments) is None:
+        return
+    arrays = np.array(segments, float).reshape(-1, 4), np.array(circles, float).reshape(-1, 3)
+    alone = cast_one(x, y, cos(angle), sin(angle), segments, circles)
+    found = shot(x, y, angle, *arrays)
+    if any(abs(cast_gap(x, y, angle, c)) < 1e-6 for c in circles):
+        return
+    assert alone == pytest.approx(found, abs=1e-9)
+
+
+def cast_gap(x: float, y: float, angle: float, circle: tuple[float, float, float]) -> float:
+    """By how much a ray's line passes outside a circle, m."""
+    cx, cy, radius = circle
+    return abs((cx - x) * sin(angle) - (cy - y) * cos(angle)) - radius

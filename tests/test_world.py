@@ -181,9 +181,10 @@ def test_old_beams_meet_the_legs_where_they_were() -> None:
 
 def test_a_sonar_disc_hears_the_nearest_thing_in_its_cone() -> None:
     one = world(person(1.5, 0.0), walls=ROOM)
-    assert one.sonar(Pose2(0.1, 0.0, 0.0)) == pytest.approx(1.34, abs=0.05)
-    assert one.sonar(Pose2(0.0, 0.1, pi / 2)) == pytest.approx(3.9, abs=0.01)
-    assert world().sonar(CENTRE) == 5.0
+    ahead, left = one.sonar([Pose2(0.1, 0.0, 0.0), Pose2(0.0, 0.1, pi / 2)])
+    assert ahead == pytest.approx(1.34, abs=0.05)
+    assert left == pytest.approx(3.9, abs=0.01)
+    assert world().sonar([CENTRE]) == [5.0]
 
 
 def test_a_wall_takes_a_person_out_of_sight() -> None:

@@ -1,10 +1,12 @@
 """An image with a depth buffer: flat textured rectangles and soft-edged limbs in perspective."""
 
 from collections.abc import Iterator
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from math import ceil, hypot, log2
-from typing import Literal
+from itertools import groupby
+from math import hypot, log2
+from typing import Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -14,13 +16,14 @@ from followerd.geometry import Array, Camera, Pose2
 from followerd.messages import Pixels
 
 NEAR = 0.05  # m, nothing nearer is drawn
-STRIP_COLUMNS, STRIP_ROWS = 96, 48  # px; large sheets are drawn in strips of this size
+STRIP = 24  # px; a sheet's texture may change its level so often
 COARSEST = 5  # levels of a texture
 BLOCKY = 2.0  # px a texel may be wide before it is interpolated
 ALPHA, HALF, ONE = np.float32(1 / 255), np.float32(0.5), np.float32(1.0)
 
 Map = npt.NDArray[np.float32]
 Polygon = list[list[float]]  # corners (x, y, z) in order
+Rectangle = tuple[int, int, int, int]  # px: left, top, right, bottom
 Level = tuple[Pixels, Array]  # a texture, and the matrix (3, 3) from metres to its texels
 Point3 = tuple[float, float, float]
 Spectrum = Literal["colour", "heat"]
@@ -140,66 +143,91 @@ class Canvas:
         self.inverse_depth: Map = np.zeros((camera.height, camera.width), np.float32)
         self._columns = np.arange(camera.width, dtype=np.float32)
         self._rows = np.arange(camera.height, dtype=np.float32)[:, None]
+        w, h = camera.width, camera.height
+        # a x + b y + c z >= d for what is in view, of homogeneous pixels
+        self._planes = np.array(
+            [(0, 0, 1, NEAR), (1, 0, 0, 0), (-1, 0, w, 0), (0, 1, 0, 0), (0, -1, h, 0)], float
+        )
+
+    def copy(self) -> "Canvas":
+        """The same picture, to be drawn on."""
+        twin = copy(self)
+        twin.pixels, twin.inverse_depth = self.pixels.copy(), self.inverse_depth.copy()
+        return twin
 
     def draw_sheets(self, sheets: Sheets, view: View, spectrum: Spectrum) -> None:
-        """Draw every sheet that may be seen."""
+        """Draw every sheet that may be seen, the nearest first: it hides the others."""
         towards = sheets.normals @ view.eye - sheets.offsets
         corners = (sheets.corners - view.eye) @ view.matrix.T  # (N, 4, 3) pixel * depth
-        across, down, depth = corners[..., 0], corners[..., 1], corners[..., 2]
+        outside = corners @ self._planes[:, :3].T < self._planes[:, 3]  # (N, 4, 5)
         hidden = (
-            (depth < NEAR).all(axis=1)
-            | (across < 0).all(axis=1)
-            | (across > self.width * depth).all(axis=1)
-            | (down < 0).all(axis=1)
-            | (down > self.height * depth).all(axis=1)
+            outside.all(axis=1).any(axis=1)
             | (sheets.one_sided & (towards <= 0.0))
             | (np.abs(towards) < 1e-6)
         )
         chosen = np.flatnonzero(~hidden)
+        chosen = chosen[np.argsort(corners[chosen, :, 2].min(axis=1), kind="stable")]
         frames = sheets.frames[chosen]
         frames[:, :, 2] -= view.eye
         # (along, up, 1) / depth = inverse @ pixel: its last row gives the inverse depth
         inverses = np.linalg.inv(view.matrix @ frames)
-        for i, metres in zip(chosen.tolist(), inverses, strict=True):
-            is_level = sheets.sheets[i].up[2] == 0.0
-            a, b, c = metres[2].tolist()
-            outline = _clipped(corners[i].tolist(), self.width, self.height)
-            for strip in _strips(outline, STRIP_ROWS if is_level else STRIP_COLUMNS, int(is_level)):
-                nearest = max(a * x + b * y + c for x, y, _ in strip)
-                finest = nearest * view.camera.fx  # px/m
+        crossed = outside[chosen].any(axis=1)
+        for i, metres, planes in zip(chosen.tolist(), inverses, crossed, strict=True):
+            outline: Polygon = corners[i].tolist()
+            for plane in self._planes[planes].tolist():
+                outline = _cut(outline, *plane)
+            if len(outline) > 2:
+                is_level = sheets.sheets[i].up[2] == 0.0
                 levels = sheets.levels(spectrum)[i]
-                density = levels[0][1][0, 0]
-                level = min(len(levels) - 1, int(log2(max(1.0, density / finest))))
-                soft = finest > BLOCKY * density
-                self._draw_strip(strip, metres, *levels[level], soft)
+                self._draw_sheet(outline, metres, levels, int(is_level), view.camera.fx)
 
-    def _draw_strip(
-        self, outline: Polygon, metres: Array, texture: Pixels, texels: Array, soft: bool
+    def _draw_sheet(
+        self, outline: Polygon, metres: Array, levels: list[Level], axis: int, focal: float
     ) -> None:
-        """One convex piece of a sheet; `metres` (3, 3) is explained in draw_sheets."""
-        xs, ys = [p[0] for p in outline], [p[1] for p in outline]
+        """What of a sheet nothing hides, in strips across `axis` (0 = x, 1 = y).
+
+        `metres` (3, 3) is explained in draw_sheets. Each strip is drawn with the coarsest texture
+        that is fine enough for it.
+        """
+        points = [(x / z, y / z) for x, y, z in outline]
+        xs, ys = [x for x, _ in points], [y for _, y in points]
         left, right = int(min(xs)), min(int(max(xs)) + 2, self.width)
         top, bottom = int(min(ys)), min(int(max(ys)) + 2, self.height)
         if left >= right or top >= bottom:
             return
-        area = slice(top, bottom), slice(left, right)
         mask = np.zeros((bottom - top, right - left), np.uint8)
-        fixed = np.array([[16 * (p[0] - left), 16 * (p[1] - top)] for p in outline])
-        cv2.fillConvexPoly(mask, np.rint(fixed).astype(np.int32), 1, cv2.LINE_8, 4)
-        a, b, c = metres[2].astype(np.float32)
-        inverse = a * self._columns[area[1]] + (b * self._rows[area[0]] + c)
-        mask &= inverse > self.inverse_depth[area]
-        source = texels @ metres
-        source[:, 2] += source[:, 0] * left + source[:, 1] * top
-        warped = cv2.warpPerspective(
-            texture,
-            source,
-            (right - left, bottom - top),
-            flags=(cv2.INTER_LINEAR if soft else cv2.INTER_NEAREST) | cv2.WARP_INVERSE_MAP,
-            borderMode=cv2.BORDER_REPLICATE,
-        )
-        cv2.copyTo(inverse, mask, self.inverse_depth[area])
-        cv2.copyTo(warped, mask, self.pixels[area])
+        fixed = np.array([(round(16 * (x - left)), round(16 * (y - top))) for x, y in points])
+        cv2.fillConvexPoly(mask, fixed.astype(np.int32), 1, cv2.LINE_8, 4)
+        a, b, c = metres[2].tolist()
+        behind = self.inverse_depth[top:bottom, left:right]
+        inverse = (self._rows[top:bottom] * b + c) + self._columns[left:right] * a
+        mask &= inverse > behind
+        cv2.copyTo(inverse, mask, behind)
+        x, y, width, height = cv2.boundingRect(mask)
+        density = levels[0][1][0, 0]
+
+        def texture(strip: Rectangle) -> tuple[int, bool]:
+            """Level of the texture, and whether it is to be interpolated."""
+            x0, y0, x1, y1 = strip
+            finest = focal * (max(a * x0, a * x1) + max(b * y0, b * y1) + c)  # px/m
+            coarser = int(log2(max(1.0, density / max(finest, 1e-9))))
+            return min(len(levels) - 1, coarser), finest > BLOCKY * density
+
+        seen = (left + x, top + y, left + x + width, top + y + height)
+        for (level, soft), strips in groupby(_strips(seen, axis), texture):
+            x0, y0, x1, y1 = _around(list(strips))
+            picture, texels = levels[level]
+            source = texels @ metres
+            source[:, 2] += source[:, 0] * x0 + source[:, 1] * y0
+            warped = cv2.warpPerspective(
+                picture,
+                source,
+                (x1 - x0, y1 - y0),
+                flags=(cv2.INTER_LINEAR if soft else cv2.INTER_NEAREST) | cv2.WARP_INVERSE_MAP,
+                borderMode=cv2.BORDER_REPLICATE,
+            )
+            visible = mask[y0 - top : y1 - top, x0 - left : x1 - left]
+            cv2.copyTo(warped, visible, self.pixels[y0:y1, x0:x1])
 
     def draw_parts(self, parts: list[Part], view: View, spectrum: Spectrum) -> None:
         """Blend limbs in, the farthest first."""
@@ -212,8 +240,7 @@ class Canvas:
             np.putmask(behind, alpha > HALF, flat.inverse_depth)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FlatPart:
+class FlatPart(NamedTuple):
     """A limb as it lies in the image: middle of its upper edge, its axis and half its width."""
 
     part: Part
@@ -274,30 +301,20 @@ def flatten(parts: list[Part], view: View, width: int, height: int) -> list[Flat
     return flat
 
 
-def _clipped(points: Polygon, width: int, height: int) -> Polygon:
-    """A polygon of homogeneous pixels, cut at NEAR and at the image's edge, as (x, y, 1)."""
-    w, h = float(width), float(height)
-    planes = ((0, 0, 1, NEAR), (1, 0, 0, 0), (-1, 0, w, 0), (0, 1, 0, 0), (0, -1, h, 0))
-    for a, b, c, least in planes:
-        points = _cut(points, a, b, c, least)
-    return [[x / z, y / z, 1.0] for x, y, z in points]
+def _strips(area: Rectangle, axis: int) -> Iterator[Rectangle]:
+    """An area in pieces STRIP px long along an axis (0 = x, 1 = y)."""
+    left, top, right, bottom = area
+    if axis == 0:
+        for x in range(left, right, STRIP):
+            yield x, top, min(x + STRIP, right), bottom
+    else:
+        for y in range(top, bottom, STRIP):
+            yield left, y, right, min(y + STRIP, bottom)
 
 
-def _strips(outline: Polygon, size: int, axis: int) -> Iterator[Polygon]:
-    """A flat polygon in pieces at most `size` px long along an axis (0 = x, 1 = y)."""
-    if len(outline) < 3:
-        return
-    low, high = min(p[axis] for p in outline), max(p[axis] for p in outline)
-    count = ceil((high - low) / size)
-    if count <= 1:
-        yield outline
-        return
-    x, y = 1 - axis, axis
-    for k in range(count):
-        begin, end = low + k * (high - low) / count, low + (k + 1) * (high - low) / count
-        piece = _cut(_cut(outline, x, y, 0, begin), -x, -y, 0, -end)
-        if len(piece) >= 3:
-            yield piece
+def _around(strips: list[Rectangle]) -> Rectangle:
+    """Neighbouring strips as one."""
+    return (*strips[0][:2], *strips[-1][2:])
 
 
 def _cut(points: Polygon, a: float, b: float, c: float, least: float) -> Polygon:

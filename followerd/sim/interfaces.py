@@ -1,5 +1,6 @@
 """What twins need of the world, and what the line needs of a twin."""
 
+from collections.abc import Sequence
 from typing import Protocol
 
 from followerd.geometry import Array, Camera, Pose2
@@ -27,8 +28,8 @@ class Body(Protocol):
     def drive(self, left: float, right: float) -> None:
         """Wheel surface speeds from now on, m/s."""
 
-    def sonar(self, disc: Pose2) -> float:
-        """Range in m of the disc at `base_from_disc`, 5.0 without echo."""
+    def sonar(self, discs: Sequence[Pose2]) -> list[float]:
+        """Range in m of each disc (`base_from_disc`), 5.0 without echo."""
 
 
 class Scene(Protocol):

@@ -1,15 +1,16 @@
 """The fixed part of a world, cut into the planes in which things are touched and seen."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from math import cos, hypot, radians, sin
 
 import numpy as np
-import numpy.typing as npt
 
 from followerd.geometry import Array
-from followerd.sim.raycast import cast, distance_to_segments
+from followerd.sim.raycast import Floats, cast_one, distance_to_segments
 from followerd.sim.scenarios import Block, Scenario
+
+Circle = tuple[float, float, float]  # x, y, radius, m
 
 LASER_HEIGHT = 0.3  # m, of the scanner's plane
 ROBOT_HEIGHT = 0.6  # m, what hangs higher is passed under
@@ -25,7 +26,8 @@ class Place:
         self.laser = self._at(lambda low, high: low <= LASER_HEIGHT <= high)
         self.body = self._at(lambda low, _high: low < ROBOT_HEIGHT)
         self.everything = self._at(lambda _low, _high: True)
-        self.sight = self._at(lambda _low, high: high > EYE_HEIGHT)
+        segments, columns = self._at(lambda _low, high: high > EYE_HEIGHT)
+        self._sight: tuple[list[Floats], list[Floats]] = (segments.tolist(), columns.tolist())
 
     def _at(self, counts: Callable[[float, float], bool]) -> tuple[Array, Array]:
         """Segments and circles of everything whose bottom and top `counts` accepts."""
@@ -59,14 +61,16 @@ class Place:
             best = min(best, _towards(cx - x, cy - y, radius))
         return best
 
-    def sees(self, x: float, y: float, bodies: Array) -> npt.NDArray[np.bool_]:
-        """For each body (N, 3) as x y radius, whether nothing hides its middle from (x, y)."""
-        segments, circles = self.sight
-        offsets = bodies[:, :2] - (x, y)
-        distances = np.maximum(1e-9, np.hypot(offsets[:, 0], offsets[:, 1]))
-        rays = offsets / distances[:, None]
-        hits = cast(np.array([x, y]), rays, segments, np.concatenate([circles, bodies]))
-        seen: npt.NDArray[np.bool_] = hits > distances - bodies[:, 2] - TOUCHING
+    def sees(self, x: float, y: float, bodies: Sequence[Circle]) -> list[bool]:
+        """For each body (x, y, radius), whether nothing hides its middle from (x, y)."""
+        segments, circles = self._sight
+        circles = [*circles, *bodies]
+        seen = []
+        for body_x, body_y, radius in bodies:
+            dx, dy = body_x - x, body_y - y
+            distance = max(1e-9, hypot(dx, dy))
+            hit = cast_one(x, y, dx / distance, dy / distance, segments, circles)
+            seen.append(hit > distance - radius - TOUCHING)
         return seen
 
 

@@ -1,15 +1,16 @@
 """Rays against line segments and circles in the plane: pure, vectorised."""
 
+from collections.abc import Sequence
+from math import inf, sqrt
+
 import numpy as np
-import numpy.typing as npt
 
 from followerd.geometry import Array
 
-Indices = npt.NDArray[np.intp]
+Floats = Sequence[float]
 
 PARALLEL = 1e-12  # a ray this parallel to a segment misses it
 JOINT = 1e-9  # share by which segments overlap where they are joined
-SLACK = 1e-9  # rad, m
 
 
 def cast(origins: Array, directions: Array, segments: Array, circles: Array) -> Array:
@@ -19,67 +20,66 @@ def cast(origins: Array, directions: Array, segments: Array, circles: Array) -> 
     `circles` (K, 3) as x y radius, or (N, K, 3) where they move from ray to ray. Circles are hit
     from outside and, where a ray starts within, from inside.
     """
-    origins = np.broadcast_to(origins, directions.shape)
+    origin = np.ascontiguousarray(origins.T)
+    direction = np.ascontiguousarray(directions.T)
     hits = np.full(len(directions), np.inf)
     if len(segments):
-        np.minimum(hits, _to_segments(origins, directions, segments), out=hits)
+        np.minimum(hits, _to_segments(origin, direction, segments), out=hits)
     if circles.shape[-2]:
-        np.minimum(hits, _to_circles(origins, directions, circles), out=hits)
+        np.minimum(hits, _to_circles(origin, direction, circles), out=hits)
     return hits
 
 
-def _to_segments(origins: Array, directions: Array, segments: Array) -> Array:
-    rays, pieces = _candidates(origins, directions, segments)
-    ox, oy = origins[rays].T
-    dx, dy = directions[rays].T
-    ax, ay, bx, by = segments[pieces].T
-    ex, ey = bx - ax, by - ay
-    ax, ay = ax - ox, ay - oy
-    # with o + t d = a + u e:  t = (a - o) x e / (d x e),  u = (a - o) x d / (d x e)
-    across = dx * ey - dy * ex
-    across[np.abs(across) < PARALLEL] = np.nan
-    t = (ax * ey - ay * ex) / across
-    u = (ax * dy - ay * dx) / across
-    hit = (t >= 0.0) & (np.abs(u - 0.5) <= 0.5 + JOINT)
-    nearest = np.full(len(directions), np.inf)
-    np.minimum.at(nearest, rays[hit], t[hit])
+def cast_one(
+    x: float, y: float, dx: float, dy: float, segments: Sequence[Floats], circles: Sequence[Floats]
+) -> float:
+    """The same for a single ray, where arrays are not worth their while."""
+    nearest = inf
+    for ax, ay, bx, by in segments:
+        a, b = dx * (ay - y) - dy * (ax - x), dx * (by - y) - dy * (bx - x)
+        if a * b > 0.0 or abs(b - a) < PARALLEL:
+            continue  # both ends on one side of the ray
+        t = ((ax - x) * (by - ay) - (ay - y) * (bx - ax)) / (b - a)
+        if 0.0 <= t < nearest:
+            nearest = t
+    for cx, cy, radius in circles:
+        aside = (cx - x) * dy - (cy - y) * dx
+        if abs(aside) < radius:
+            ahead, chord = (cx - x) * dx + (cy - y) * dy, sqrt(radius * radius - aside * aside)
+            t = ahead - chord if ahead >= chord else ahead + chord
+            if 0.0 <= t < nearest:
+                nearest = t
     return nearest
 
 
-def _candidates(origins: Array, directions: Array, segments: Array) -> tuple[Indices, Indices]:
-    """Pairs (ray, segment) that may meet, by the angles in which the segments are seen."""
-    centre = origins.mean(axis=0)
-    spread = float(np.hypot(*(origins - centre).T).max(initial=0.0))
-    angles = np.arctan2(directions[:, 1], directions[:, 0])
-    order = np.argsort(angles, kind="stable")
-    circle = np.concatenate([angles[order], angles[order] + 2 * np.pi])
-    begin = np.arctan2(segments[:, 1] - centre[1], segments[:, 0] - centre[0])
-    end = np.arctan2(segments[:, 3] - centre[1], segments[:, 2] - centre[0])
-    width = (end - begin + np.pi) % (2 * np.pi) - np.pi
-    near = distance_to_segments(float(centre[0]), float(centre[1]), segments)
-    # seen from an origin off the centre, a point turns by at most this
-    pad = np.arcsin(np.minimum(1.0, spread / np.maximum(near, 1e-12))) + SLACK
-    pad[near <= spread + SLACK] = np.pi
-    low = (np.minimum(begin, begin + width) - pad + np.pi) % (2 * np.pi) - np.pi
-    first = np.searchsorted(circle, low)
-    last = np.searchsorted(circle, low + np.abs(width) + 2 * pad, side="right")
-    counts = np.minimum(last - first, len(angles))
-    pieces = np.repeat(np.arange(len(segments)), counts)
-    within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    return order[(first[pieces] + within) % len(angles)], pieces
+def _to_segments(origin: Array, direction: Array, segments: Array) -> Array:
+    """Every ray against every segment: for the few dozens of a floor plan choosing costs more."""
+    ox, oy = origin
+    dx, dy = direction
+    ax, ay, bx, by = segments.T[..., None]
+    ex, ey = bx - ax, by - ay
+    # with o + t d = a + u e:  t = (a - o) x e / (d x e),  u = (a - o) x d / (d x e)
+    across = dx * ey - dy * ex
+    across[np.abs(across) < PARALLEL] = np.nan
+    t = ((ax * ey - ay * ex) - (ox * ey - oy * ex)) / across
+    u = ((ax * dy - ay * dx) - (ox * dy - oy * dx)) / across
+    hit = (t >= 0.0) & (np.abs(u - 0.5) <= 0.5 + JOINT)
+    nearest: Array = np.where(hit, t, np.inf).min(axis=0)
+    return nearest
 
 
-def _to_circles(origins: Array, directions: Array, circles: Array) -> Array:
-    x = circles[..., 0] - origins[:, 0, None]
-    y = circles[..., 1] - origins[:, 1, None]
-    ahead = x * directions[:, 0, None] + y * directions[:, 1, None]
-    aside = x * directions[:, 1, None] - y * directions[:, 0, None]
-    half = circles[..., 2] ** 2 - aside * aside  # squared half chord
+def _to_circles(origin: Array, direction: Array, circles: Array) -> Array:
+    dx, dy = direction
+    x, y, radius = (field.T.reshape(circles.shape[-2], -1) for field in np.moveaxis(circles, -1, 0))
+    x, y = x - origin[0], y - origin[1]
+    ahead = x * dx + y * dy
+    aside = x * dy - y * dx
+    half = radius * radius - aside * aside  # squared half chord
     chord = np.sqrt(np.maximum(half, 0.0))
     near, far = ahead - chord, ahead + chord
     t = np.where(near >= 0.0, near, far)
     t[(half < 0.0) | (far < 0.0)] = np.inf
-    nearest: Array = t.min(axis=1)
+    nearest: Array = t.min(axis=0)
     return nearest
 
 

@@ -1,5 +1,6 @@
 """The camera's picture of a world: building, furniture, people; light, blur and noise."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import atan2, ceil, cos, exp, hypot, radians, sin, sqrt
@@ -63,7 +64,8 @@ class Renderer:
         self._shadow = Texture(textures.shadow(), 0)
         self._level = draw(scenario.light.level, rng)
         self._drift, self._lit_at = 0.0, 0.0
-        self._noise: dict[tuple[int, int, int], npt.NDArray[np.int16]] = {}
+        self._noise: dict[tuple[int, int, int], tuple[Pixels, Pixels]] = {}
+        self._empty: tuple[tuple[Camera, Pose2, Spectrum], Canvas] | None = None
         self._last: tuple[Shot, Canvas] | None = None
 
     def colour(self, shot: Shot, omega: float) -> Pixels:
@@ -113,21 +115,36 @@ class Renderer:
     def _draw(self, shot: Shot, spectrum: Spectrum) -> Canvas:
         """The scene in still, even light."""
         view = View(shot.camera, shot.pose)
-        canvas = Canvas(shot.camera)
-        canvas.draw_sheets(self._sheets, view, spectrum)
-        canvas.draw_parts(self._columns, view, spectrum)
+        canvas = self._building(shot, view, spectrum).copy()
+        seen = self._in_view(shot, view, canvas)
+        if spectrum == "colour":
+            canvas.draw_parts([self._spot(motion, view) for _, motion in seen], view, spectrum)
+        limbs = [part for i, _ in seen for part in self._parts(i, shot, view)]
+        canvas.draw_parts(limbs, view, spectrum)
+        return canvas
+
+    def _building(self, shot: Shot, view: View, spectrum: Spectrum) -> Canvas:
+        """The scene without walkers; drawn once as long as the robot stands."""
+        key = shot.camera, shot.pose, spectrum
+        if self._empty is None or self._empty[0] != key:
+            canvas = Canvas(shot.camera)
+            canvas.draw_sheets(self._sheets, view, spectrum)
+            canvas.draw_parts(self._columns, view, spectrum)
+            self._empty = key, canvas
+        return self._empty[1]
+
+    def _in_view(self, shot: Shot, view: View, canvas: Canvas) -> list[tuple[int, Motion]]:
+        """The walkers that may be seen, the farthest first."""
+        motions = [walker.at(shot.time) for walker in self._walkers]
+        ends = np.array([(m.x, m.y, z) for m in motions for z in (0.0, TALLEST)])
+        pixels = view.project(ends).tolist()
         seen = [
             (depth, i, motion)
-            for i, motion in enumerate(walker.at(shot.time) for walker in self._walkers)
-            if (depth := _depth_in_view(motion, view, canvas)) is not None
+            for i, motion in enumerate(motions)
+            if (depth := _depth_in_view(pixels[2 * i], pixels[2 * i + 1], view, canvas)) is not None
         ]
         seen.sort(key=lambda item: -item[0])
-        if spectrum == "colour":
-            spots = [self._spot(motion, view) for _, _, motion in seen]
-            canvas.draw_parts(spots, view, spectrum)
-        for _, i, _ in seen:
-            canvas.draw_parts(self._parts(i, shot, view), view, spectrum)
-        return canvas
+        return [(i, motion) for _, i, motion in seen]
 
     def _parts(self, walker: int, shot: Shot, view: View) -> list[Part]:
         motion = self._walkers[walker].at(shot.time)
@@ -170,19 +187,24 @@ class Renderer:
         tile = self._noise.get(image.shape)
         if tile is None:
             shape = height + NOISE_SPARE, width + NOISE_SPARE, channels
-            tile = np.rint(self._rng.normal(0.0, self._light.noise, shape)).astype(np.int16)
-            self._noise[height, width, channels] = tile
+            noise = np.rint(self._rng.normal(0.0, self._light.noise, shape))
+            brighter, darker = (np.clip(n, 0, 255).astype(np.uint8) for n in (noise, -noise))
+            tile = self._noise[height, width, channels] = brighter, darker
         top, left = self._rng.integers(NOISE_SPARE, size=2).tolist()
-        window = tile[top : top + height, left : left + width]
-        noisy = cv2.add(image, window, dtype=cv2.CV_8U)
+        window = slice(top, top + height), slice(left, left + width)
+        noisy = cv2.subtract(cv2.add(image, tile[0][window]), tile[1][window])
         return np.asarray(noisy, np.uint8).reshape(image.shape)
 
 
-def _depth_in_view(motion: Motion, view: View, canvas: Canvas) -> float | None:
-    """Depth of a walker, None where it is outside the image or wholly behind something."""
-    (column, _, depth), (_, top, _) = view.project(
-        np.array([(motion.x, motion.y, 0.0), (motion.x, motion.y, TALLEST)])
-    ).tolist()
+def _depth_in_view(
+    foot: Sequence[float], head: Sequence[float], view: View, canvas: Canvas
+) -> float | None:
+    """Depth of a walker, None where it is outside the image or wholly behind something.
+
+    `foot` and `head` are column px, row px and depth m of both ends of its axis.
+    """
+    column, _, depth = foot
+    top = head[1]
     if depth < WIDEST:
         return depth if depth > -WIDEST else None
     reach = WIDEST * view.camera.fx / (depth - 0.5 * WIDEST)

@@ -1,5 +1,6 @@
 """The world: one robot among walls, furniture and walkers. It has the robot's body and its view."""
 
+from collections.abc import Sequence
 from functools import cached_property
 from math import atan2, cos, hypot, pi, radians, sin, sqrt, tau
 
@@ -205,14 +206,11 @@ class World:
 
     def _who_is_seen(self, motions: list[Motion]) -> list[bool]:
         """For each walker, whether the straight view from the robot is free."""
-        bodies = np.array(
-            [
-                (m.x, m.y, BODY_RADIUS if isinstance(walker, Pedestrian) else 0.0)
-                for walker, m in zip(self.walkers, motions, strict=True)
-            ]
-        )
-        seen: list[bool] = self.place.sees(self.pose.x, self.pose.y, bodies).tolist()
-        return seen
+        bodies = [
+            (m.x, m.y, BODY_RADIUS if isinstance(walker, Pedestrian) else 0.0)
+            for walker, m in zip(self.walkers, motions, strict=True)
+        ]
+        return self.place.sees(self.pose.x, self.pose.y, bodies)
 
     def _notice_contact(self, what: int, apart: bool, gone: bool, caused: bool) -> None:
         """Count a contact once, from touching until it has gone."""
@@ -225,16 +223,18 @@ class World:
 
     # --- what its sensors see -----------------------------------------------------------------
 
-    def sonar(self, disc: Pose2) -> float:
-        """Range in m of the disc at `base_from_disc`, 5.0 without echo."""
-        pose = self.pose @ disc
-        angles = pose.theta + SONAR_CONE
-        segments, circles = self.place.laser
-        rays = np.column_stack([np.cos(angles), np.sin(angles)])
-        limbs = np.concatenate([circles, self._legs(self._elapsed)])
-        return min(
-            SONAR_RANGE, float(cast(np.array([pose.x, pose.y]), rays, segments, limbs).min())
-        )
+    def sonar(self, discs: Sequence[Pose2]) -> list[float]:
+        """Range in m of each disc (`base_from_disc`), 5.0 without echo."""
+        if not discs:
+            return []
+        poses = [self.pose @ disc for disc in discs]
+        angles = (np.array([pose.theta for pose in poses])[:, None] + SONAR_CONE).ravel()
+        origins = np.repeat([(pose.x, pose.y) for pose in poses], SONAR_CONE.size, axis=0)
+        rays = np.array([np.cos(angles), np.sin(angles)]).T
+        segments, _ = self.place.laser
+        heard = cast(origins, rays, segments, self._cylinders(self._elapsed))
+        nearest: list[float] = heard.reshape(len(discs), -1).min(axis=1).tolist()
+        return [min(SONAR_RANGE, found) for found in nearest]
 
     def ranges(self, base_from_laser: Pose2, bearings: Array, ages: Array) -> Array:
         """True ranges (N,) of beams measured `ages` seconds before the world's now; inf = none."""
@@ -245,37 +245,32 @@ class World:
         y = self.pose.y - v * ages * np.sin(half)
         theta = self.pose.theta + turn
         c, s = np.cos(theta), np.sin(theta)
-        origins = np.column_stack(
-            [
-                x + c * base_from_laser.x - s * base_from_laser.y,
-                y + s * base_from_laser.x + c * base_from_laser.y,
-            ]
-        )
+        x += c * base_from_laser.x - s * base_from_laser.y
+        y += s * base_from_laser.x + c * base_from_laser.y
         angles = theta + base_from_laser.theta + bearings
-        rays = np.column_stack([np.cos(angles), np.sin(angles)])
-        segments, circles = self.place.laser
-        moving = self._legs_at(ages)
-        fixed = np.broadcast_to(circles, (len(rays), *circles.shape))
-        return cast(origins, rays, segments, np.concatenate([fixed, moving], axis=1))
+        rays = np.array([np.cos(angles), np.sin(angles)]).T
+        segments, _ = self.place.laser
+        return cast(np.array([x, y]).T, rays, segments, self._cylinders_at(ages))
 
-    def _legs(self, time: float) -> Array:
-        """Both legs of everybody (K, 3) in the laser's plane at scenario time `time`."""
-        return np.array(
-            [
-                (x, y, LEG_RADIUS)
-                for person in self.people
-                for x, y in legs(person.at(time), person.height, LASER_HEIGHT)
-            ]
-        ).reshape(-1, 3)
+    def _cylinders(self, time: float) -> Array:
+        """Columns and legs (K, 3) in the laser's plane at scenario time `time`."""
+        walking = [
+            (x, y, LEG_RADIUS)
+            for person in self.people
+            for x, y in legs(person.at(time), person.height, LASER_HEIGHT)
+        ]
+        _, columns = self.place.laser
+        return np.concatenate([columns, np.array(walking).reshape(-1, 3)])
 
-    def _legs_at(self, ages: Array) -> Array:
-        """Legs (N, K, 3) as each beam meets them, between two instants."""
+    def _cylinders_at(self, ages: Array) -> Array:
+        """Columns and legs (N, K, 3) as each beam meets them, between two instants."""
         oldest = float(ages.max(initial=0.0))
-        now = self._legs(self._elapsed)
+        now = self._cylinders(self._elapsed)
         if oldest <= 0.0:
-            return np.broadcast_to(now, (len(ages), *now.shape))
-        before = self._legs(self._elapsed - oldest)
-        return now + (ages / oldest)[:, None, None] * (before - now)
+            return now
+        before = self._cylinders(self._elapsed - oldest)
+        moved: Array = now.T[..., None] + (before - now).T[..., None] * (ages / oldest)
+        return moved.T
 
     def render(self, camera: Camera) -> Pixels:
         """A noisy colour image (H, W, 3) BGR of the world's now."""

@@ -1,6 +1,6 @@
 """What the simulated robot reports each cycle: its SIP and the extended packets around it."""
 
-from math import ceil, degrees, pi
+from math import degrees, pi
 
 import numpy as np
 
@@ -116,14 +116,16 @@ class Status:
         first, self._fired = self._fired, self._fired + firings
         if not self.sonar_on:
             return ()
-        readings: list[tuple[int, int]] = []
-        for firing in range(max(first, self._fired - ARRAY), self._fired):
-            for array in range(ceil(self._model.discs / ARRAY)):
-                disc = array * ARRAY + firing % ARRAY
-                pose = self._model.base_from_disc(disc)
-                if pose is not None:
-                    readings.append((disc, self._range(self._body.sonar(pose))))
-        return tuple(readings)
+        fired = [
+            (disc, pose)
+            for firing in range(max(first, self._fired - ARRAY), self._fired)
+            for disc in range(firing % ARRAY, self._model.discs, ARRAY)
+            if (pose := self._model.base_from_disc(disc)) is not None
+        ]
+        ranges = self._body.sonar([pose for _, pose in fired])
+        return tuple(
+            (disc, self._range(true)) for (disc, _), true in zip(fired, ranges, strict=True)
+        )
 
     def _range(self, true: float) -> int:
         measured = min(true * (1 + SONAR_NOISE * self._rng.standard_normal()), NO_ECHO)
