@@ -1,6 +1,5 @@
 """What a user sees when something is wrong: one clear line and an exit code."""
 
-import os
 from pathlib import Path
 
 import pytest
@@ -28,6 +27,8 @@ def test_an_unknown_command_or_option_is_a_usage_error(capsys: pytest.CaptureFix
         (["run", "hpf-sim"], "has links that say sim; give --links, or use followerd demo"),
         (["sim", "corridor", "--links", "x", "--fault", "laser"], "expected DEVICE:NAME@START"),
         (["sim", "corridor", "--links", "x", "--fault", "ptz:off@1+1"], "no device 'ptz'"),
+        (["demo", "--duration", "-3"], "Must be > 0"),
+        (["demo", "--summary", "/nowhere/s.json"], "/nowhere is no folder"),
         (["ctl", "enrol", "1,2,3"], "ctl enrol takes X,Y or X,Y,W,H"),
         (["ctl", "arm", "1,2"], "takes nothing more than its name"),
     ],
@@ -76,17 +77,6 @@ def test_a_file_that_is_no_serial_port_is_a_device_error(
     plain.write_text("")
     assert call(["run", str(robot_config(tmp_path, str(plain))), "--duration", "5"]) == 3
     assert str(plain) in said(capsys)
-
-
-@pytest.mark.slow
-def test_a_port_that_answers_nothing_is_a_device_error(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    _, silent = os.openpty()
-    config = robot_config(tmp_path, os.ttyname(silent))
-    config.write_text(config.read_text().replace("kind: lms200, link: ", "kind: lms200, link: /x"))
-    assert call(["run", str(config), "--duration", "60"]) == 3
-    assert said(capsys)
 
 
 def test_check_says_what_a_config_sets_up(capsys: pytest.CaptureFixture[str]) -> None:

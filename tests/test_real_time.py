@@ -48,10 +48,11 @@ class Lab:
         self.processes.append(process)
         return process
 
-    def daemon(self, operator: str, *more: str) -> "subprocess.Popen[bytes]":
-        """A daemon whose operator is `auto` or `manual`."""
+    def daemon(self, operator: str, *more: str, base: str = "sim") -> "subprocess.Popen[bytes]":
+        """A daemon whose operator is `auto` or `manual`; `base` is the link of its base."""
         config = self.folder / f"{operator}.yaml"
-        config.write_text(f"{CONFIG}operator: {operator}\nsocket: {self.folder / 'ctl'}\n")
+        devices = CONFIG.replace("{kind: p2os, link: sim}", f"{{kind: p2os, link: {base}}}")
+        config.write_text(f"{devices}operator: {operator}\nsocket: {self.folder / 'ctl'}\n")
         return self.start("run", str(config), "--links", str(self.links), *more)
 
     def until(self, what: Callable[[], bool], seconds: float = 25.0) -> None:
@@ -147,3 +148,27 @@ def test_when_the_simulation_ends_the_daemon_says_which_device_is_lost(lab: Lab)
     _, told = daemon.communicate(timeout=5)
     assert b'"device": "base"' in told
     assert b"device lost" in told
+
+
+def test_a_base_that_answers_nothing_is_a_device_error_with_a_remedy(lab: Lab) -> None:
+    master, silent = os.openpty()
+    daemon = lab.daemon("manual", base=os.ttyname(silent))
+    _, told = daemon.communicate(timeout=60)
+    os.close(master)
+    os.close(silent)
+    assert daemon.returncode == 3
+    *_, last = told.decode().splitlines()
+    assert last.startswith("followerd: base: ")
+    assert ";" in last
+
+
+def test_a_port_that_another_daemon_uses_is_a_device_error(lab: Lab) -> None:
+    lab.daemon("auto")
+    lab.until(lambda: lab.newest().twist.v > 0.1)
+    other = lab.folder / "other.yaml"
+    other.write_text(f"{CONFIG}socket: {lab.folder / 'ctl2'}\n")
+    second = lab.start("run", str(other), "--links", str(lab.links))
+    _, told = second.communicate(timeout=20)
+    assert second.returncode == 3
+    assert "busy" in told.decode().splitlines()[-1]
+    assert lab.newest().twist.v > 0.05

@@ -17,7 +17,7 @@ from followerd import app, clock
 from followerd.bench.closed_loop import Summary, simulate, staged
 from followerd.bench.film import Film
 from followerd.cli.display import Display
-from followerd.cli.run import Ending, SummaryFile, live
+from followerd.cli.run import Ending, Seconds, SummaryFile, in_a_folder, live
 from followerd.config import Config, load
 from followerd.errors import Stopped, UsageError
 from followerd.hw.camera.settings import PRESETS
@@ -37,14 +37,16 @@ def demo(
     tracker: str = "hpf",
     scenario: str = "corridor",
     seed: int = 0,
-    duration: float = 60.0,
+    duration: Seconds = 60.0,
     virtual: Annotated[
         bool, Parameter(help="one process, as fast as it goes, reproducible")
     ] = False,
     headless: Annotated[bool, Parameter(help="no live view in the terminal")] = False,
     camera: Annotated[str | None, Parameter(help=f"one of {', '.join(PRESETS)}")] = None,
     summary: SummaryFile = None,
-    render: Annotated[Path | None, Parameter(help="film the run into this *.mp4")] = None,
+    render: Annotated[
+        Path | None, Parameter(help="film the run into this *.mp4", validator=in_a_folder)
+    ] = None,
 ) -> None:
     """Watch a simulated Pioneer follow a person: the real daemon, its drivers and twins."""
     changes = {"sim.scenario": scenario, "seed": seed, **_preset(camera)}

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter
+from cyclopts import Parameter, validators
 
 from followerd import app, clock
 from followerd.bench.closed_loop import Run, Summary
@@ -16,13 +16,23 @@ from followerd.runtime import logs
 from followerd.runtime.daemon import Daemon
 from followerd.sim import truth_log
 
-SummaryFile = Annotated[Path | None, Parameter(help="write the run's figures, JSON")]
+
+def in_a_folder(_type: object, path: Path | None) -> None:
+    """Refuse a file to be written whose folder does not exist, before anything starts."""
+    if path is not None and not path.parent.is_dir():
+        raise ValueError(f"{path.parent} is no folder")
+
+
+SummaryFile = Annotated[
+    Path | None, Parameter(help="write the run's figures, JSON", validator=in_a_folder)
+]
+Seconds = Annotated[float, Parameter(help="end after so long", validator=validators.Number(gt=0))]
 
 
 def run(
     config: str,
     *,
-    duration: Annotated[float | None, Parameter(help="end after so many seconds")] = None,
+    duration: Seconds | None = None,
     summary: SummaryFile = None,
     links: Annotated[
         Path | None,
