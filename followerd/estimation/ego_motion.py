@@ -2,7 +2,7 @@
 
 from bisect import bisect_right
 from collections import deque
-from math import radians
+from math import cos, radians, sin
 
 from pydantic import Field
 
@@ -96,17 +96,21 @@ class EgoMotion:
         newest = self._packets[-1]
         if stamp - newest.stamp > self.settings.max_gap_s:
             return None
-        pose, twist, time = newest.pose, newest.twist, newest.stamp
+        x, y, theta = newest.pose.x, newest.pose.y, newest.pose.theta
+        twist, time = newest.twist, newest.stamp
+        accel = self.settings.accel_mps2
+        turn_accel = radians(self.settings.turn_accel_degps2)
         while time < stamp:
             dt = min(STEP, stamp - time)
             wanted = self._wanted(time, twist)
-            ramped = Twist(
-                _toward(twist.v, wanted.v, self.settings.accel_mps2 * dt),
-                _toward(twist.omega, wanted.omega, radians(self.settings.turn_accel_degps2) * dt),
-            )
-            pose = pose.moved(0.5 * (twist.v + ramped.v), 0.5 * (twist.omega + ramped.omega), dt)
-            twist, time = ramped, time + dt
-        return pose, twist
+            v = _toward(twist.v, wanted.v, accel * dt)
+            omega = _toward(twist.omega, wanted.omega, turn_accel * dt)
+            way, turn = 0.5 * (twist.v + v) * dt, 0.5 * (twist.omega + omega) * dt
+            x += way * cos(theta + 0.5 * turn)
+            y += way * sin(theta + 0.5 * turn)
+            theta += turn
+            twist, time = Twist(v, omega), time + dt
+        return Pose2(x, y, wrap_angle(theta)), twist
 
     def _wanted(self, time: float, twist: Twist) -> Twist:
         """What the base is ramping toward at `time`; its own speed when nothing is known."""

@@ -16,6 +16,14 @@ from followerd.geometry import Array, Pose2, wrap_angle
 from followerd.messages import Clusters, TrackPhase, TrackState
 from followerd.settings import Settings
 
+I2, O2 = np.eye(2), np.zeros((2, 2))
+# white noise of the acceleration, per density: the parts of Q that grow with t, t^2 and t^3
+ACCELERATED = (
+    np.block([[O2, O2], [O2, I2]]),
+    np.block([[O2, I2 / 2], [I2 / 2, O2]]),
+    np.block([[I2 / 3, O2], [O2, O2]]),
+)
+
 
 class RangingSettings(Settings):
     """What is believed about the person's motion, the camera and the laser."""
@@ -197,14 +205,16 @@ class Ranging:
         """State and covariance at `stamp`; a time before the state's is met without noise."""
         assert self._x is not None
         dt = stamp - self._stamp
-        F = np.eye(4)
-        F[0, 2] = F[1, 3] = dt
-        q, grown = self.settings.accel_density, max(0.0, dt)
-        Q = np.zeros((4, 4))
-        Q[0, 0] = Q[1, 1] = q * grown**3 / 3
-        Q[0, 2] = Q[2, 0] = Q[1, 3] = Q[3, 1] = q * grown**2 / 2
-        Q[2, 2] = Q[3, 3] = q * grown
-        return F @ self._x, F @ self._P @ F.T + Q
+        x, P = self._x.copy(), self._P.copy()
+        # F x and F P F', F being the identity but for dt from velocity to position
+        x[:2] += dt * x[2:]
+        P[:2] += dt * P[2:]
+        P[:, :2] += dt * P[:, 2:]
+        grown = max(0.0, dt)
+        P += self.settings.accel_density * (
+            grown * ACCELERATED[0] + grown**2 * ACCELERATED[1] + grown**3 * ACCELERATED[2]
+        )
+        return x, P
 
     def _measure(
         self,
