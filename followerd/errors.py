@@ -46,6 +46,10 @@ class DeviceError(FollowerdError):
         self.problem = problem
         self.remedy = remedy
 
+    def __reduce__(self) -> tuple[type["DeviceError"], tuple[str, str, str]]:
+        """Errors cross process borders in benchmarks."""
+        return type(self), (self.device, self.problem, self.remedy)
+
 
 class OpenError(DeviceError):
     """The link cannot be opened: it does not exist, is busy or is not permitted."""

@@ -1,0 +1,32 @@
+"""Recorded frames as images with a camera model."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from followerd.config import Config
+from followerd.geometry import Camera
+from followerd.hw.camera.files import Recording, open_recording
+from followerd.hw.camera.settings import CameraSettings
+from followerd.messages import Image
+
+
+def open_source(path: Path) -> Recording:
+    """A video, a folder of images, or a folder with the images in `img/`.
+
+    Raises UsageError or DeviceError when it cannot be opened.
+    """
+    inner = path / "img"
+    return open_recording(inner if inner.is_dir() else path)
+
+
+def camera_of(recording: Recording, config: Config | None) -> Camera:
+    """The config's camera, or a usual one, at the recording's size."""
+    settings = config.camera if config is not None else CameraSettings()
+    size = {"width": recording.width, "height": recording.height}
+    return CameraSettings(**(settings.model_dump(include={"hfov_deg", "mount"}) | size)).camera
+
+
+def images(recording: Recording, camera: Camera) -> Iterator[Image]:
+    """The frames one after another, none read before it is asked for."""
+    for frame in recording:
+        yield Image(frame.id, frame.stamp, frame.stamp, frame.pixels, camera, frame.depth)

@@ -1,0 +1,97 @@
+"""Scores of image boxes against a sequence's ground truth, as in the OTB benchmark."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from followerd.errors import UsageError
+from followerd.geometry import Array
+from followerd.messages import Box
+
+OVERLAPS = np.linspace(0.0, 1.0, 21)  # thresholds of the success curve
+PRECISION_RADIUS = 20.0  # px
+
+
+@dataclass(frozen=True, slots=True)
+class Scores:
+    """How well boxes fit the truth; None = the sequence cannot say."""
+
+    auc: float | None  # area under the success curve, 0..1
+    p20: float | None  # share of visible frames with a centre within 20 px
+    iou: float | None  # mean overlap
+    claims_when_absent: float | None  # share of frames without the person that claim them
+    visible_frames: int
+
+
+def read_truth(path: Path) -> Array:
+    """Boxes (N, 4) x, y, w, h in 0-based px, nan where the person is not visible.
+
+    Rows of four numbers are x, y, w, h counted from 1 (OTB), or two corners in a `gt.txt` (TLD);
+    eight are a polygon's corners (VOT). Raises UsageError when the file is none of these.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+        rows = [line.replace(",", " ").split() for line in lines if line.strip()]
+        table = np.array([[float(value) for value in row] for row in rows])
+    except (OSError, ValueError) as error:
+        raise UsageError(f"--truth {path}: not readable as rows of numbers: {error}") from error
+    if table.ndim != 2 or table.shape[1] not in (4, 8):
+        raise UsageError(f"--truth {path}: every line must hold 4 or 8 numbers")
+    if table.shape[1] == 8:
+        x, y = table[:, 0::2], table[:, 1::2]
+        return np.column_stack([x.min(1), y.min(1), np.ptp(x, axis=1), np.ptp(y, axis=1)])
+    if path.name == "gt.txt":
+        return np.hstack([table[:, :2], table[:, 2:] - table[:, :2]])
+    return np.hstack([table[:, :2] - 1.0, table[:, 2:]])
+
+
+def as_array(boxes: Sequence[Box | None]) -> Array:
+    """Boxes as (N, 4) x, y, w, h; nan where there is none."""
+    rows = [(b.x, b.y, b.w, b.h) if b else (np.nan,) * 4 for b in boxes]
+    return np.array(rows, dtype=float).reshape(-1, 4)
+
+
+def present(boxes: Array) -> npt.NDArray[np.bool_]:
+    """Which rows (N,) hold a box (N, 4)."""
+    finite: npt.NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(boxes), axis=1)
+    return finite
+
+
+def overlap(a: Array, b: Array) -> Array:
+    """Intersection over union (N,) of two rows of boxes (N, 4)."""
+    low = np.maximum(a[:, :2], b[:, :2])
+    high = np.minimum(a[:, :2] + a[:, 2:], b[:, :2] + b[:, 2:])
+    common = np.prod(np.clip(high - low, 0.0, None), axis=1)
+    union = np.prod(a[:, 2:], axis=1) + np.prod(b[:, 2:], axis=1) - common
+    share: Array = np.divide(common, union, out=np.zeros_like(common), where=union > 0.0)
+    return share
+
+
+def centre_error(a: Array, b: Array) -> Array:
+    """Distance (N,) of the centres of two rows of boxes (N, 4), px."""
+    apart: Array = (a[:, :2] + 0.5 * a[:, 2:]) - (b[:, :2] + 0.5 * b[:, 2:])
+    return np.hypot(apart[:, 0], apart[:, 1])
+
+
+def score(boxes: Array, truth: Array) -> Scores:
+    """Scores of boxes (N, 4) against the truth (N, 4), both with nan where there is none.
+
+    A frame without a box is a miss where the person is visible, and right where they are not.
+    """
+    n = min(len(boxes), len(truth))
+    boxes, truth = boxes[:n], truth[:n]
+    visible = present(truth)
+    claimed = present(boxes)
+    fit = np.where(claimed[visible], overlap(boxes[visible], truth[visible]), 0.0)
+    error = np.where(claimed[visible], centre_error(boxes[visible], truth[visible]), np.inf)
+    seen = bool(visible.any())
+    return Scores(
+        auc=float((fit[:, None] > OVERLAPS).mean()) if seen else None,
+        p20=float((error <= PRECISION_RADIUS).mean()) if seen else None,
+        iou=float(fit.mean()) if seen else None,
+        claims_when_absent=None if visible.all() else float(claimed[~visible].mean()),
+        visible_frames=int(visible.sum()),
+    )
