@@ -1,10 +1,12 @@
 """What a user sees when something is wrong: one clear line and an exit code."""
 
+import pickle
 from pathlib import Path
 
 import pytest
 
 from followerd.__main__ import call
+from followerd.errors import OpenError
 
 
 def said(capsys: pytest.CaptureFixture[str]) -> str:
@@ -92,6 +94,12 @@ def test_check_names_every_fault(tmp_path: Path, capsys: pytest.CaptureFixture[s
     lines = said(capsys).splitlines()
     assert any("bad.yaml:1:1: base.link: is required" in line for line in lines)
     assert any("bad.yaml:2:1: wheels: unknown key" in line for line in lines)
+
+
+def test_errors_survive_the_way_between_processes() -> None:
+    error = OpenError("laser", "is busy", "close the other program")
+    back = pickle.loads(pickle.dumps(error))
+    assert (str(back), back.device, back.exit_code) == (str(error), "laser", 3)
 
 
 def test_schema_is_json(capsys: pytest.CaptureFixture[str]) -> None:

@@ -47,11 +47,11 @@ class Run:
 
     def summary(self, now: float, *, virtual: bool) -> Summary:
         """The run's figures (DESIGN section 5)."""
-        vision = self.daemon.vision
+        vision, tracker = self.daemon.vision, self.config.tracker
         figures = summary(self.daemon.stats, virtual=virtual, now=now)
         return {
             "scenario": self.config.sim.scenario if self.config.simulated else None,
-            "tracker": self.config.tracker.kind,
+            "tracker": "/".join(filter(None, (tracker.kind, getattr(tracker, "profile", None)))),
             "seed": self.config.seed,
             **figures,
             "dropped_frames": vision.dropped,
