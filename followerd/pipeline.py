@@ -77,6 +77,11 @@ class Pipeline:
         """`odom_from_base` when something was measured; None when it is not known."""
         return self.ego_motion.pose_at(stamp)
 
+    def distance_at(self, stamp: float) -> float | None:
+        """How far away the laser sees the followed person, m; None when it does not."""
+        base = self.ego_at(stamp)
+        return None if base is None else self.ranging.measured(base, stamp)
+
     def step(self, event: Event, now: float) -> Decision:
         """What the robot does about `event`."""
         refused = self._take(event, now)

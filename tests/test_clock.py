@@ -31,6 +31,19 @@ def test_timers_fire_in_order_of_their_time() -> None:
     assert order == [1, 2, 3]
 
 
+def test_timers_of_one_time_fire_in_the_order_they_were_set() -> None:
+    order: list[int] = []
+
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        timers = [loop.call_at(1.0, order.append, k) for k in range(20)]
+        timers[7].cancel()
+        await clock.sleep(2)
+
+    clock.run_virtual(main())
+    assert order == [k for k in range(20) if k != 7]
+
+
 def test_waiting_for_ever_is_an_error_not_a_hang() -> None:
     async def main() -> None:
         await asyncio.Event().wait()

@@ -36,7 +36,12 @@ class Recorder:
         self.calls.append(("enrol", image.id))
         return TrackState(image.stamp, TrackPhase.TENTATIVE, 1.0, image.id)
 
-    def step(self, measurement: Image | Scan | Odometry, ego: Pose2 | None) -> TrackState | None:
+    def step(
+        self,
+        measurement: Image | Scan | Odometry,
+        ego: Pose2 | None,
+        distance: float | None = None,
+    ) -> TrackState | None:
         assert isinstance(measurement, Image)
         if self.gate is not None:
             self.gate.wait(5.0)
@@ -47,14 +52,14 @@ class Recorder:
         self.calls.append(("forget", -1))
 
 
-def no_ego(stamp: float) -> None:
-    return None
+def unknown(stamp: float) -> None:
+    """Neither where the robot was nor how far away the person."""
 
 
 async def test_while_the_tracker_works_only_the_newest_frame_waits() -> None:
     tracker, results = Recorder(), list[Tracked]()
     tracker.gate = threading.Event()
-    vision = Vision(tracker, no_ego, results.append, work=0.0)
+    vision = Vision(tracker, unknown, unknown, results.append, work=0.0)
     task = asyncio.create_task(vision.run())
     vision.offer(frame(0))
     await clock.sleep(0.05)
@@ -73,13 +78,15 @@ async def test_while_the_tracker_works_only_the_newest_frame_waits() -> None:
 def virtual_vision(tracker: Recorder) -> tuple[Vision, list[Tracked]]:
     """A vision and the results it delivers."""
     results: list[Tracked] = []
-    return Vision(tracker, no_ego, results.append, work=0.01), results
+    return Vision(tracker, unknown, unknown, results.append, work=0.01), results
 
 
 def test_in_virtual_time_the_result_comes_after_the_modelled_duration() -> None:
     async def main() -> float:
         stamps: list[float] = []
-        vision = Vision(Recorder(), no_ego, lambda _: stamps.append(clock.now()), work=0.01)
+        vision = Vision(
+            Recorder(), unknown, unknown, lambda _: stamps.append(clock.now()), work=0.01
+        )
         task = asyncio.create_task(vision.run())
         vision.offer(frame(0))
         await clock.sleep(1.0)

@@ -41,6 +41,7 @@ def sim(
     logs.configure(settings.log_level)
     cv2.setNumThreads(1)
     rig = app.rig(settings, [Fault.parse(text) for text in fault])
+    rig.world.render(app.equipment(settings).camera)  # textures are painted for the first picture
     clock.run(_serve(rig, links, robot_tcp, laser_tcp, truth))
 
 

@@ -82,6 +82,7 @@ class Ranging:
         self._rejected = 0
         self._track: TrackState | None = None
         self._sight = 0.0  # rad in odom, direction in which the track was seen
+        self._legs_seen = -inf  # s
         self.claimed: tuple[slice, ...] = ()  # beams of the newest scan that show the person
 
     def see(self, track: TrackState, base: Pose2) -> None:
@@ -121,6 +122,7 @@ class Ranging:
             self._start(distance, sigma, base, clusters.stamp)
         else:
             self._measure(distance, sigma, sigma / distance, base, clusters.stamp, along)
+        self._legs_seen = clusters.stamp
         self.claimed = tuple(slice(int(clusters.first[k]), int(clusters.last[k]) + 1) for k in legs)
 
     def person(self, stamp: float) -> Person | None:
@@ -136,6 +138,13 @@ class Ranging:
         if self._track is None or self._track.phase is TrackPhase.LOST:
             return None
         return wrap_angle(self._sight - base.theta)
+
+    def measured(self, base: Pose2, stamp: float) -> float | None:
+        """Distance in m of the person whose legs the laser sees, the robot being at `base`."""
+        person = self.person(stamp)
+        if person is None or stamp - self._legs_seen > self.settings.max_track_age_s:
+            return None
+        return person.seen_from(base)[0]
 
     def located(self, track: TrackState, base: Pose2, stamp: float) -> TrackState:
         """The track with what is known at `stamp`, when the robot is at `base`."""

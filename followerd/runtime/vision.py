@@ -17,7 +17,7 @@ from followerd.trackers.interfaces import Tracker
 T = TypeVar("T")
 HISTORY = 45  # frames kept so that a click on a frame seen a moment ago can be honoured
 
-Seen = tuple[Image, Pose2 | None]
+Seen = tuple[Image, Pose2 | None, float | None]  # image, odom_from_base, distance
 
 
 class Vision:
@@ -28,11 +28,13 @@ class Vision:
         self,
         tracker: Tracker,
         ego_at: Callable[[float], Pose2 | None],
+        distance_at: Callable[[float], float | None],
         deliver: Callable[[Tracked], object],
         work: float,
     ) -> None:
         self._tracker = tracker
         self._ego_at = ego_at
+        self._distance_at = distance_at
         self._deliver = deliver
         self._work = work
         self._waiting: Image | None = None
@@ -69,12 +71,12 @@ class Vision:
         Raises UsageError when that frame is gone or shows nothing to learn.
         """
         async with self._busy:
-            image, ego = self._frame(frame_id)
+            image, ego, _ = self._frame(frame_id)
             state = await self._call(partial(self._tracker.enrol, image, region, ego))
-            for later, later_ego in [seen for seen in self._history if seen[0].id > image.id]:
-                stepped = await self._call(partial(self._tracker.step, later, later_ego))
+            for later in [seen for seen in self._history if seen[0].id > image.id]:
+                stepped = await self._call(partial(self._tracker.step, *later))
                 state = stepped or state
-                image = later
+                image = later[0]
         self._deliver(Tracked(image.stamp, image.received, image.id, state))
         return state
 
@@ -100,9 +102,9 @@ class Vision:
 
     async def _track(self, image: Image) -> None:
         async with self._busy:
-            ego = self._ego_at(image.stamp)
-            self._history.append((image, ego))
-            track = await self._call(partial(self._tracker.step, image, ego))
+            seen = image, self._ego_at(image.stamp), self._distance_at(image.stamp)
+            self._history.append(seen)
+            track = await self._call(partial(self._tracker.step, *seen))
         self._deliver(Tracked(image.stamp, image.received, image.id, track))
 
     async def _call(self, work: Callable[[], T]) -> T:

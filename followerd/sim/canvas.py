@@ -16,13 +16,13 @@ from followerd.geometry import Array, Camera, Pose2
 from followerd.messages import Pixels
 
 NEAR = 0.05  # m, nothing nearer is drawn
-STRIP = 24  # px; a sheet's texture may change its level so often
+STRIP = 32  # px; a sheet's texture may change its level so often
 COARSEST = 5  # levels of a texture
 BLOCKY = 2.0  # px a texel may be wide before it is interpolated
 ALPHA, HALF, ONE = np.float32(1 / 255), np.float32(0.5), np.float32(1.0)
 
 Map = npt.NDArray[np.float32]
-Polygon = list[list[float]]  # corners (x, y, z) in order
+Polygon = list[tuple[float, float, float]]  # corners (x, y, z) in order
 Rectangle = tuple[int, int, int, int]  # px: left, top, right, bottom
 Level = tuple[Pixels, Array]  # a texture, and the matrix (3, 3) from metres to its texels
 Point3 = tuple[float, float, float]
@@ -45,9 +45,9 @@ class View:
 
     def project(self, points: Array) -> Array:
         """Points (N, 3) of the world as (N, 3): column px, row px, depth m (not below NEAR)."""
-        q = (points - self.eye) @ self.matrix.T
-        depth = np.maximum(q[:, 2], NEAR)
-        return np.column_stack([q[:, 0] / depth, q[:, 1] / depth, q[:, 2]])
+        pixels: Array = (points - self.eye) @ self.matrix.T
+        pixels[:, :2] /= np.maximum(pixels[:, 2:], NEAR)
+        return pixels
 
 
 class Texture:
@@ -85,8 +85,7 @@ class Sheet:
     one_sided: bool = False  # seen only where along x up points to
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Part:
+class Part(NamedTuple):
     """A limb: a textured strip around the line from `top` to `bottom`, turned to the camera."""
 
     top: Point3  # m, in the world
@@ -172,14 +171,14 @@ class Canvas:
         # (along, up, 1) / depth = inverse @ pixel: its last row gives the inverse depth
         inverses = np.linalg.inv(view.matrix @ frames)
         crossed = outside[chosen].any(axis=1)
+        levels = sheets.levels(spectrum)
         for i, metres, planes in zip(chosen.tolist(), inverses, crossed, strict=True):
-            outline: Polygon = corners[i].tolist()
+            outline: Polygon = [(x, y, z) for x, y, z in corners[i].tolist()]
             for plane in self._planes[planes].tolist():
                 outline = _cut(outline, *plane)
             if len(outline) > 2:
-                is_level = sheets.sheets[i].up[2] == 0.0
-                levels = sheets.levels(spectrum)[i]
-                self._draw_sheet(outline, metres, levels, int(is_level), view.camera.fx)
+                axis = int(sheets.sheets[i].up[2] == 0.0)  # what is level is cut into rows
+                self._draw_sheet(outline, metres, levels[i], axis, view.camera.fx)
 
     def _draw_sheet(
         self, outline: Polygon, metres: Array, levels: list[Level], axis: int, focal: float
@@ -201,10 +200,10 @@ class Canvas:
         a, b, c = metres[2].tolist()
         behind = self.inverse_depth[top:bottom, left:right]
         inverse = (self._rows[top:bottom] * b + c) + self._columns[left:right] * a
-        mask &= inverse > behind
+        cv2.bitwise_and(mask, cv2.compare(inverse, behind, cv2.CMP_GT), mask)
         cv2.copyTo(inverse, mask, behind)
         x, y, width, height = cv2.boundingRect(mask)
-        density = levels[0][1][0, 0]
+        density = float(levels[0][1][0, 0])
 
         def texture(strip: Rectangle) -> tuple[int, bool]:
             """Level of the texture, and whether it is to be interpolated."""
@@ -319,15 +318,17 @@ def _around(strips: list[Rectangle]) -> Rectangle:
 
 def _cut(points: Polygon, a: float, b: float, c: float, least: float) -> Polygon:
     """The part of a convex polygon where a x + b y + c z >= least."""
-    sides = [a * x + b * y + c * z - least for x, y, z in points]
-    if not sides or min(sides) >= 0.0:
-        return points
-    kept = []
-    for i, (p, here) in enumerate(zip(points, sides, strict=True)):
-        before = sides[i - 1]
+    kept: Polygon = []
+    if not points:
+        return kept
+    x0, y0, z0 = points[-1]
+    before = a * x0 + b * y0 + c * z0 - least
+    for x, y, z in points:
+        here = a * x + b * y + c * z - least
         if (here >= 0.0) != (before >= 0.0):
             share = before / (before - here)
-            kept.append([q + share * (r - q) for q, r in zip(points[i - 1], p, strict=True)])
+            kept.append((x0 + share * (x - x0), y0 + share * (y - y0), z0 + share * (z - z0)))
         if here >= 0.0:
-            kept.append(p)
+            kept.append((x, y, z))
+        x0, y0, z0, before = x, y, z, here
     return kept

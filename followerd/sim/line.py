@@ -74,7 +74,8 @@ class Line:
         self._damage = Damage(faults, rng)
         self._start = 0.0  # s, when `run` began; faults count from there
         self._cable_changes = deque(self._damage.cable_changes())
-        self._wake: asyncio.Future[None] | None = None
+        self._timer: asyncio.TimerHandle | None = None
+        self._failed: asyncio.Future[None] | None = None  # while it runs
         self.link: Link = MemoryLink(self)
 
     @property
@@ -90,11 +91,13 @@ class Line:
     async def run(self) -> None:
         """Carry bytes and wake the twin, for ever."""
         self._start = clock.now()
-        while True:
-            await self._wait_until(self._next_due())
-            now, due = clock.now(), self._next_due()
-            if due <= now + RESOLUTION:
-                self._advance(max(now, due))
+        self._failed = asyncio.get_running_loop().create_future()
+        self._set_timer()
+        try:
+            await self._failed
+        finally:
+            self._failed = None
+            self._clear_timer()
 
     @property
     def backlog(self) -> float:
@@ -107,7 +110,7 @@ class Line:
             self._host_rate = baud or self._twin.baud
             start = max(self._host_free, clock.now())
             self._host_free = self._enqueue(self._to_twin, data, start, self._host_rate, baud)
-            self._poke()
+            self._set_timer()
 
     def unplug(self) -> None:
         """Pull the cable: bytes under way are lost, the host notices at once."""
@@ -181,19 +184,29 @@ class Line:
             return chunk.data
         return self._rng.bytes(len(chunk.data))
 
-    async def _wait_until(self, due: float) -> None:
-        loop = asyncio.get_running_loop()
-        self._wake = loop.create_future()
-        timer = loop.call_at(due, self._poke) if due < inf else None
-        try:
-            await self._wake
-        finally:
-            if timer is not None:
-                timer.cancel()
+    def _set_timer(self) -> None:
+        """Come back when something is due; a timer alone, for a task to wake would cost more."""
+        due = self._next_due()
+        if self._failed is None or (self._timer is not None and self._timer.when() <= due):
+            return
+        self._clear_timer()
+        if due < inf:
+            self._timer = asyncio.get_running_loop().call_at(due, self._come_due, due)
 
-    def _poke(self) -> None:
-        if self._wake is not None and not self._wake.done():
-            self._wake.set_result(None)
+    def _come_due(self, due: float) -> None:
+        self._timer = None
+        try:
+            self._advance(max(clock.now(), due))
+        except Exception as reason:
+            if self._failed is not None:
+                self._failed.set_exception(reason)
+            return
+        self._set_timer()
+
+    def _clear_timer(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
 
 
 class MemoryLink:

@@ -8,6 +8,7 @@ import numpy as np
 from followerd import clock
 from followerd.errors import UsageError
 from followerd.geometry import Camera, Pose2
+from followerd.hw.p2os.models import MODELS, Model
 from followerd.sim.faults import Fault
 from followerd.sim.line import Line
 from followerd.sim.scenarios import Scenario
@@ -42,7 +43,7 @@ class Rig:
             if fault.device not in DEVICES:
                 raise UsageError(f"no device {fault.device!r}; there are {', '.join(DEVICES)}")
         world_rng, robot_rng, laser_rng, camera_rng = np.random.default_rng([seed, 7]).spawn(4)
-        self.world = World(scenario, world_rng)
+        self.world = World(_on_wheels(scenario, MODELS[equipment.base_model]), world_rng)
         base = P2osTwin(self.world, robot_rng, model=equipment.base_model)
         scanner = Lms200Twin(
             self.world,
@@ -68,3 +69,11 @@ class Rig:
             self.world.advance(clock.now())
             self.truths.append(self.world.truth())
             await clock.sleep(TRUTH_PERIOD)
+
+
+def _on_wheels(scenario: Scenario, model: Model) -> Scenario:
+    """The scenario with the model's wheel track, unless it has one of its own."""
+    if "track_m" in scenario.robot.model_fields_set:
+        return scenario
+    robot = scenario.robot.model_copy(update={"track_m": 2 * model.half_track})
+    return scenario.model_copy(update={"robot": robot})

@@ -20,8 +20,16 @@ class Tracker(Protocol):
         Raises UsageError when the region does not lie in the image or shows nothing to learn.
         """
 
-    def step(self, measurement: Image | Scan | Odometry, ego: Pose2 | None) -> TrackState | None:
-        """The track after one more measurement; None before enrolment or if it says nothing new."""
+    def step(
+        self,
+        measurement: Image | Scan | Odometry,
+        ego: Pose2 | None,
+        distance: float | None = None,
+    ) -> TrackState | None:
+        """The track after one more measurement; None before enrolment or if it says nothing new.
+
+        `distance` is how far away another sensor sees the person just then, m; None = unknown.
+        """
 
     def forget(self) -> None:
         """Drop the enrolled person."""

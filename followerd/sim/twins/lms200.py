@@ -273,10 +273,9 @@ class Lms200Twin:
             self._scan_ready = self._scanner.next_complete(now + self._sweep.age, self._sweep)
 
     def _send_scan(self, now: float) -> bytes:
-        late = (now - self._scan_ready) % self._sweep.period
-        scan = self._scanner.measure(
-            self._sweep, now - late, now, self.config, self.status, self._sent
-        )
+        sweep = self._sweep
+        late = (now - self._scan_ready) % sweep.period
+        scan = self._scanner.measure(sweep, now - late, now, self.config, self.status, self._sent)
         frame = Telegram(FROM_DEVICE | self._address, scan.to_payload()).to_bytes()
         self._send(frame, now)
         self._sent += 1

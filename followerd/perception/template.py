@@ -1,0 +1,162 @@
+"""A correlation filter: a template that learns to answer with a peak where the person stands.
+
+Ridge regression of a Gaussian label on all shifts of a window, solved in the Fourier domain
+(MOSSE, Bolme et al. 2010; several channels as in DSST, Danelljan et al. 2014).
+"""
+
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+import numpy.typing as npt
+
+from followerd.perception.gradients import Channels
+
+Spectrum = npt.NDArray[np.complex64]
+Power = npt.NDArray[np.float32]
+
+RIDGE = 0.01  # of the mean power
+LABEL = 0.1  # width of the wanted peak, of the person's size
+BESIDE = 1.2  # of the person's size: what lies farther out has no say about their size
+ANCHOR = 0.2  # share of the slow memory in what leads the particles
+
+
+class Fourier:
+    """The real transform of n x n windows as two matrix products, twice as fast for small n."""
+
+    def __init__(self, n: int) -> None:
+        self.n, self.half = n, n // 2 + 1
+        turns = np.outer(np.arange(n), np.arange(n)) / n
+        wave = np.exp(-2j * np.pi * turns)
+        self._rows: Spectrum = wave.astype(np.complex64)
+        columns = wave[:, : self.half]
+        self._columns = np.hstack([columns.real, columns.imag]).astype(np.float32)
+
+    def __call__(self, windows: Channels) -> Spectrum:
+        """Spectra (C, n, n // 2 + 1) of windows (C, n, n)."""
+        count = len(windows)
+        product = windows.reshape(-1, self.n) @ self._columns
+        columns = np.empty((count * self.n, self.half), np.complex64)
+        columns.real, columns.imag = product[:, : self.half], product[:, self.half :]
+        spectra: Spectrum = self._rows @ columns.reshape(count, self.n, self.half)
+        return spectra
+
+    def shift(self, x: float, y: float) -> Spectrum:
+        """What multiplies a spectrum (n, n // 2 + 1) when its window moves by (x, y) cells."""
+        fx, fy = np.fft.rfftfreq(self.n), np.fft.fftfreq(self.n)
+        fy[self.n // 2] = 0.0  # the highest frequency has no sign, so no direction to move in
+        return np.exp(-2j * np.pi * (fy[:, None] * y + fx * x)).astype(np.complex64)
+
+
+@dataclass(slots=True)
+class Memory:
+    """Running averages from which a filter is made."""
+
+    numerator: Spectrum  # (C, n, n // 2 + 1)
+    power: Power  # (n, n // 2 + 1)
+
+    def learn(self, numerator: Spectrum, power: Power, rate: float) -> None:
+        """Blend in one more view."""
+        self.numerator += np.float32(rate) * (numerator - self.numerator)
+        self.power += np.float32(rate) * (power - self.power)
+
+    def blended(self, other: "Memory", share: float) -> "Memory":
+        """This memory with a share of another one."""
+        own = np.float32(1.0 - share)
+        return Memory(
+            own * self.numerator + np.float32(share) * other.numerator,
+            own * self.power + np.float32(share) * other.power,
+        )
+
+    def filter(self) -> Spectrum:
+        """The ridge regression's solution."""
+        solution: Spectrum = self.numerator / (self.power + RIDGE * self.power.mean())
+        return solution
+
+
+class Template:
+    """A filter for windows (C, cells, cells) whose middle is the person's expected place.
+
+    A quick memory follows turns of the body and of the light; a slow one cannot be talked into
+    another thing within seconds: it measures the size and vouches for the identity.
+    """
+
+    def __init__(self, channels: Channels, body: tuple[float, float]) -> None:
+        """Learn the window in whose middle the person stands, `body` (w, h) cells large."""
+        self._cells = cells = channels.shape[-1]
+        self._fourier = Fourier(cells)
+        taper = np.hanning(cells + 2)[1:-1]
+        self._taper = np.outer(taper, taper).astype(np.float32)
+        middle = 0.5 * (cells - 1)
+        self._at = np.arange(cells, dtype=np.float32)  # columns of a tent's interpolation matrix
+        self._steps = (self._at - np.float32(middle))[:, None]  # its rows
+        peak = np.exp(-0.5 * (self._steps[:, 0] / (LABEL * sqrt(body[0] * body[1]))) ** 2)
+        self._label = self._fourier(np.outer(peak, peak).astype(np.float32)[None])[0]
+        # what lies beside the person does not grow with them
+        apart = np.abs(self._steps[:, 0])
+        columns, rows = (np.clip(BESIDE * 0.5 * b + 0.5 - apart, 0.0, 1.0) for b in body)
+        self._body = np.outer(rows, columns)
+        self._to_middle = self._fourier.shift(middle, middle)
+        numerator, power = self._lesson(self.spectrum(channels), (0.0, 0.0))
+        self._quick = Memory(numerator, power)
+        self._slow = Memory(numerator.copy(), power.copy())
+        self._refresh()
+
+    def spectrum(self, channels: Channels) -> Spectrum:
+        """Of a window (C, cells, cells), faded out toward its border."""
+        return self._fourier(channels * self._taper)
+
+    def learn(
+        self, spectrum: Spectrum, offset: tuple[float, float], quick: float, slow: float
+    ) -> None:
+        """Blend in a window in which the person stands `offset` cells (x, y) off the middle."""
+        lesson = self._lesson(spectrum, offset)
+        self._quick.learn(*lesson, quick)
+        self._slow.learn(*lesson, slow)
+        self._refresh()
+
+    def recollect(self) -> None:
+        """Forget what was learnt lately: it may have been somebody else."""
+        self._quick = self._slow.blended(self._slow, 0.0)
+        self._refresh()
+
+    def respond(self, spectrum: Spectrum) -> npt.NDArray[np.float32]:
+        """Answers (cells, cells): about 1 where the person stands, about 0 elsewhere."""
+        answer = (self._filter * spectrum).sum(axis=0)
+        return np.fft.irfft2(answer, s=(self._cells, self._cells)).astype(np.float32)
+
+    def vouch(self, spectrum: Spectrum, answer: float) -> float:
+        """How far the slow memory's `answer` stands out from its answers everywhere, in their
+        standard deviations; by Parseval's theorem, without computing them."""
+        everywhere = (self._anchor * spectrum).sum(axis=0)
+        count = self._cells**2
+        mean = float(everywhere[0, 0].real) / count
+        energy = np.square(np.abs(everywhere))
+        total = 2.0 * float(energy.sum()) - float(energy[:, 0].sum() + energy[:, -1].sum())
+        variance = total / count**2 - mean * mean
+        outstanding: float = (answer - mean) / sqrt(max(variance, 1e-12))
+        return outstanding
+
+    def slow_answer(self, channels: Channels, offset: tuple[float, float], zoom: float) -> float:
+        """The slow memory's answer at `offset` cells (x, y) off the middle if the window were
+        `zoom` times as large; cells are interpolated instead of cutting the window anew."""
+        middle = 0.5 * (self._cells - 1)
+        spread = zoom * self._steps
+        columns = np.clip(
+            1.0 - np.abs(spread + np.float32(middle + offset[0]) - self._at), 0.0, 1.0
+        )
+        rows = np.clip(1.0 - np.abs(spread + np.float32(middle + offset[1]) - self._at), 0.0, 1.0)
+        kernel = self._kernel if zoom == 1.0 else self._body_kernel
+        return float(np.vdot(kernel, rows @ (channels @ columns.T)))
+
+    def _lesson(self, spectrum: Spectrum, offset: tuple[float, float]) -> tuple[Spectrum, Power]:
+        label = self._label * self._fourier.shift(*offset)
+        return label * np.conj(spectrum), np.square(np.abs(spectrum)).sum(axis=0)
+
+    def _refresh(self) -> None:
+        self._filter = self._quick.blended(self._slow, ANCHOR).filter()
+        self._anchor = self._slow.filter()
+        turned = np.conj(self._anchor) * self._to_middle
+        kernel = np.fft.irfft2(turned, s=(self._cells, self._cells))
+        self._kernel = (kernel * self._taper).astype(np.float32)
+        self._body_kernel = self._kernel * self._body

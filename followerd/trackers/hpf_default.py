@@ -1,0 +1,173 @@
+"""The `default` profile: soft colour and a template weigh the particles, and say who is there."""
+
+from math import exp, sqrt
+
+import numpy as np
+
+from followerd.estimation.hybrid import HybridFilter, Noise
+from followerd.estimation.particles import Estimator
+from followerd.geometry import Array
+from followerd.messages import Box, Image, TrackPhase
+from followerd.perception.appearance import Appearance, View
+from followerd.trackers.sighting import Sighting
+
+BODY_PX = 49.0  # the noise below is for a person of this size: square root of the area
+NOISE = Noise((3e4, 1e4), (400.0, 800.0), (3.0, 3.0), (2.5, 4.0))
+COLOUR_TRUST, ANSWER_TRUST = 8, 12  # log weight of a particle with a full score
+
+SEEN, SAME = 0.42, 0.4  # likeness and identity from which the person is surely seen
+LEARN = 0.46, 0.5  # same, from which their looks are learnt
+FOUND = 0.55, 0.5  # same, from which somebody found elsewhere is the enrolled person
+NOTICE = 0.12, 0.3  # s, over which likeness and identity are averaged
+CONFIRM_AFTER = 0.2  # s of being sure
+SEARCH_AFTER, LOST_AFTER = 0.15, 0.6  # s of not being sure
+SAME_PERSON = 1.6  # ratio of sizes beyond which a distance is somebody else's
+LEAST_SIZE, LARGEST_SIZE = 0.12, 5.0  # of the size when enrolled
+OUTSIDE = 0.2  # of the height, that a box's centre may lie above or below the image
+
+
+class DefaultProfile:
+    """Occlusion, loss and return are decided by the absolute likeness to the enrolled person."""
+
+    def __init__(
+        self,
+        image: Image,
+        box: Box,
+        estimator: Estimator,
+        mix: float,
+        template: bool,
+        on_ground: bool,
+    ) -> None:
+        """Learn the person in `box`; `mix` is the share of particles drawn on candidates.
+
+        `on_ground`: the robot's odometry is known, so its motion zooms the person. That drifts
+        unless the person's outline, their foot above all, is measured too. Without odometry
+        nothing zooms them, and the template alone is the steadier measure.
+        """
+        self._estimator = estimator
+        self._mix = mix
+        self._appearance = Appearance(image.pixels, np.array([*box.centre, box.w, box.h]), template)
+        self._template = template
+        self._outline = on_ground or not template
+        self._shape = np.sqrt([box.w / box.h, box.h / box.w])
+        self.noise = NOISE.scaled(sqrt(box.w * box.h) / BODY_PX)
+        self._enrolled = sqrt(box.w * box.h)  # px
+        self._metric_size: float | None = None  # px at 1 m
+        self._looks = [1.0, 1.0]  # likeness and identity, averaged
+        self._sure = self._unsure = 0.0  # s
+        self._turn = 0
+        self._unlearnt = np.zeros(2)  # s since the template, the colour were learnt
+        self._suspects: list[Array] = []  # places not yet looked at
+
+    def look(self, image: Image, hybrid: HybridFilter, dt: float) -> Sighting:
+        """One image; `hybrid` was predicted to it `dt` seconds on."""
+        box = hybrid.box()
+        box[:2] = hybrid.particles[:, :2].mean(axis=0)
+        hybrid.noise = NOISE.scaled(sqrt(box[2] * box[3]) / BODY_PX)
+        if not LEAST_SIZE < sqrt(box[2] * box[3]) / self._enrolled < LARGEST_SIZE:
+            self._looks = [0.0, 0.0]  # the size has run away: nobody is there
+            box[2:] = self._enrolled * self._shape
+            hybrid.seed(box, np.zeros(2))
+        view = self._appearance.view(image.pixels, box)
+        peaks = view.window.to_image(self._appearance.peaks(view, 5))
+        if self._mix:
+            hybrid.propose(peaks, self._mix)
+        self._weigh(hybrid, view)
+        place = view.window.to_window(hybrid.state[None, :2])[0]
+        looks = self._compare(view, place)
+        for i, notice in enumerate(NOTICE):
+            self._looks[i] += (1.0 - exp(-dt / notice)) * (looks[i] - self._looks[i])
+        if self._confidence() >= 0.5:
+            self._sure, self._unsure = self._sure + dt, 0.0
+            if _reach(looks, LEARN) and self._looks[1] >= LEARN[1]:
+                self._learn(hybrid, view, place, dt)
+        else:
+            self._sure, self._unsure = 0.0, self._unsure + dt
+            hybrid.coast(dt)
+            if self._unsure > SEARCH_AFTER:
+                self._search(image, hybrid)
+        candidates = tuple(Box.around(*p, *hybrid.size[:2]) for p in peaks)
+        return Sighting(self._phase(hybrid, image), self._confidence(), candidates)
+
+    def _compare(self, view: View, place: Array) -> tuple[float, float]:
+        """Likeness and identity of whoever stands at a window point (2,)."""
+        return self._appearance.likeness(view, place), self._appearance.identity(view, place)
+
+    def _confidence(self) -> float:
+        """0..1; from 0.5 on both likeness and identity suffice."""
+        return min(1.0, 0.5 * self._looks[0] / SEEN, 0.5 * self._looks[1] / SAME)
+
+    def _weigh(self, hybrid: HybridFilter, view: View) -> None:
+        """The likelihood of every particle, in place of eq. 14."""
+        at = view.window.to_window(hybrid.particles[:, :2])
+        logs = COLOUR_TRUST * np.clip(self._appearance.colour(view, at), -1.0, 1.5)
+        answers = self._appearance.answer(view, at)
+        if answers is not None:
+            logs += ANSWER_TRUST * answers
+        hybrid.update_soft(logs, self._estimator)
+
+    def _learn(self, hybrid: HybridFilter, view: View, place: Array, dt: float) -> None:
+        """The size every other frame, template and colour in between, so that no frame is slow."""
+        self._unlearnt += dt
+        self._turn = (self._turn + 1) % 4
+        if self._turn == 1:
+            self._appearance.learn_template(view, place, self._unlearnt[0])
+            self._unlearnt[0] = 0.0
+        elif self._turn == 3:
+            self._appearance.learn_colour(view, place, self._unlearnt[1])
+            self._unlearnt[1] = 0.0
+        else:
+            self._measure(hybrid, self._appearance.growth(view, place))
+            if self._outline:
+                self._measure(hybrid, self._appearance.outline_growth(view, place))
+
+    def stand_at(self, distance: float, hybrid: HybridFilter) -> None:
+        """Size is inverse to distance (m); the first sure sight says how large the person is."""
+        if self._confidence() < 0.5:
+            return
+        size = sqrt(hybrid.size[0] * hybrid.size[1]) * distance
+        if self._metric_size is None:
+            self._metric_size = size
+        elif 1.0 / SAME_PERSON < size / self._metric_size < SAME_PERSON:
+            hybrid.measure_size(self._metric_size / distance * self._shape)
+
+    def _measure(self, hybrid: HybridFilter, grown: float | None) -> None:
+        """The size half follows the measured growth; the shape stays as enrolled."""
+        if grown is not None:
+            hybrid.measure_size(sqrt(hybrid.size[0] * hybrid.size[1]) * exp(grown) * self._shape)
+
+    def _search(self, image: Image, hybrid: HybridFilter) -> None:
+        """Look at one more suspicious place a frame; move there if it is the enrolled person."""
+        if not self._suspects:
+            self._suspects = list(self._appearance.places(image.pixels, hybrid.size[:2], 4))
+        if not self._suspects:
+            return
+        box = np.concatenate([self._suspects.pop(0), hybrid.size[:2]])
+        view = self._appearance.view(image.pixels, box)
+        for peak in self._appearance.peaks(view, 1):
+            looks = self._compare(view, peak)
+            if _reach(looks, FOUND):
+                box[:2] = view.window.to_image(peak[None])[0]
+                hybrid.seed(box, np.zeros(2))
+                self._appearance.recollect()
+                self._looks = list(looks)
+                self._unsure = 0.0
+                self._suspects = []
+
+    def _phase(self, hybrid: HybridFilter, image: Image) -> TrackPhase:
+        if _has_left(hybrid.box(), image) or self._unsure > LOST_AFTER:
+            return TrackPhase.LOST
+        if self._confidence() < 0.5:
+            return TrackPhase.OCCLUDED
+        return TrackPhase.CONFIRMED if self._sure >= CONFIRM_AFTER else TrackPhase.TENTATIVE
+
+
+def _reach(looks: tuple[float, float], least: tuple[float, float]) -> bool:
+    return looks[0] >= least[0] and looks[1] >= least[1]
+
+
+def _has_left(box: Array, image: Image) -> bool:
+    """Whether the centre of a box (4,) lies beside the image, or well above or below it."""
+    height, width = image.pixels.shape[:2]
+    margin = OUTSIDE * box[3]
+    return not (0.0 < box[0] < width and -margin < box[1] < height + margin)

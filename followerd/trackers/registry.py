@@ -1,0 +1,5 @@
+"""The trackers a config can name; each class takes its settings and a random generator."""
+
+from followerd.registry import Registry
+
+TRACKERS = Registry("followerd.trackers", {"hpf": "followerd.trackers.hpf:Hpf"})
