@@ -1,5 +1,6 @@
 """The command line: what it offers, and one line per error."""
 
+import os
 import sys
 
 from cyclopts import App, CycloptsError
@@ -20,6 +21,10 @@ COMMANDS = {  # name -> where it lives, imported only when called; one line for 
 
 INTERRUPTED = 130
 
+# before NumPy is imported: our matrices are small, and threads that help each other with them
+# cost the daemon more than they save
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 
 def command_line() -> App:
     """The command line as cyclopts sees it."""
@@ -38,7 +43,7 @@ def command_line() -> App:
 
 
 def call(tokens: list[str] | None = None) -> int:
-    """Run one command; returns the exit code (2 usage or config, 3 device, 4 stopped by a fault)."""
+    """Run one command; the exit code is 0, or 2 usage or config, 3 device, 4 stopped by a fault."""
     try:
         command_line()(tokens)
     except CycloptsError as error:

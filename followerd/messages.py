@@ -186,6 +186,14 @@ class TrackState:
     particles: Array | None = None  # (N, 2) px or m, for drawing
 
 
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where another sensor than the camera sees the followed person."""
+
+    distance: float  # m, from `base` on the ground
+    bearing: float  # rad in `base`, left positive
+
+
 class StopReason(Enum):
     """Why the robot stands, or moves less than wished; the value is the text for people."""
 

@@ -13,7 +13,7 @@ from followerd.control.mode import Action, Modes, ModeSettings, Permission
 from followerd.estimation.ego_motion import EgoMotion, EgoMotionSettings
 from followerd.estimation.ranging import Person, Ranging, RangingSettings
 from followerd.geometry import Pose2
-from followerd.messages import Decision, Fault, Odometry, Scan, TrackState, Twist, Wish
+from followerd.messages import Decision, Fault, Odometry, Place, Scan, TrackState, Twist, Wish
 from followerd.perception.clusters import ClusterSettings, find_clusters
 from followerd.settings import Settings
 
@@ -77,8 +77,8 @@ class Pipeline:
         """`odom_from_base` when something was measured; None when it is not known."""
         return self.ego_motion.pose_at(stamp)
 
-    def distance_at(self, stamp: float) -> float | None:
-        """How far away the laser sees the followed person, m; None when it does not."""
+    def place_at(self, stamp: float) -> Place | None:
+        """Where the laser sees the followed person; None when it does not."""
         base = self.ego_at(stamp)
         return None if base is None else self.ranging.measured(base, stamp)
 

@@ -9,7 +9,7 @@ import pytest
 from followerd import clock
 from followerd.errors import UsageError
 from followerd.geometry import Camera, Pose2
-from followerd.messages import Box, Image, Odometry, Scan, TrackPhase, TrackState
+from followerd.messages import Box, Image, Odometry, Place, Scan, TrackPhase, TrackState
 from followerd.pipeline import Tracked
 from followerd.runtime.vision import HISTORY, Vision
 
@@ -40,7 +40,7 @@ class Recorder:
         self,
         measurement: Image | Scan | Odometry,
         ego: Pose2 | None,
-        distance: float | None = None,
+        place: Place | None = None,
     ) -> TrackState | None:
         assert isinstance(measurement, Image)
         if self.gate is not None:
@@ -53,7 +53,7 @@ class Recorder:
 
 
 def unknown(stamp: float) -> None:
-    """Neither where the robot was nor how far away the person."""
+    """Neither where the robot was nor where the person."""
 
 
 async def test_while_the_tracker_works_only_the_newest_frame_waits() -> None:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from pydantic import Field
 
 from followerd.geometry import Array, Pose2, wrap_angle
-from followerd.messages import Clusters, TrackPhase, TrackState
+from followerd.messages import Clusters, Place, TrackPhase, TrackState
 from followerd.settings import Settings
 
 I2, O2 = np.eye(2), np.zeros((2, 2))
@@ -139,12 +139,12 @@ class Ranging:
             return None
         return wrap_angle(self._sight - base.theta)
 
-    def measured(self, base: Pose2, stamp: float) -> float | None:
-        """Distance in m of the person whose legs the laser sees, the robot being at `base`."""
+    def measured(self, base: Pose2, stamp: float) -> Place | None:
+        """Where the laser sees the person's legs, the robot being at `base`."""
         person = self.person(stamp)
         if person is None or stamp - self._legs_seen > self.settings.max_track_age_s:
             return None
-        return person.seen_from(base)[0]
+        return Place(*person.seen_from(base))
 
     def located(self, track: TrackState, base: Pose2, stamp: float) -> TrackState:
         """The track with what is known at `stamp`, when the robot is at `base`."""

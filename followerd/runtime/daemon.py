@@ -35,9 +35,7 @@ class Daemon:
         self.base = base
         self.sensors = sensors
         self.pipeline = pipeline
-        self.vision = Vision(
-            tracker, pipeline.ego_at, pipeline.distance_at, self.handle, image_work
-        )
+        self.vision = Vision(tracker, pipeline.ego_at, pipeline.place_at, self.handle, image_work)
         self.stats = Stats(began=clock.now())
         self.decision: Decision | None = None
         self.decision_watchers: list[Callable[[Decision], None]] = []

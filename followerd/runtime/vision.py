@@ -10,14 +10,14 @@ from typing import TypeVar
 from followerd import clock
 from followerd.errors import UsageError
 from followerd.geometry import Pose2
-from followerd.messages import Box, Image, TrackState
+from followerd.messages import Box, Image, Place, TrackState
 from followerd.pipeline import Tracked
 from followerd.trackers.interfaces import Tracker
 
 T = TypeVar("T")
 HISTORY = 45  # frames kept so that a click on a frame seen a moment ago can be honoured
 
-Seen = tuple[Image, Pose2 | None, float | None]  # image, odom_from_base, distance
+Seen = tuple[Image, Pose2 | None, Place | None]  # and where the person is then
 
 
 class Vision:
@@ -28,13 +28,13 @@ class Vision:
         self,
         tracker: Tracker,
         ego_at: Callable[[float], Pose2 | None],
-        distance_at: Callable[[float], float | None],
+        place_at: Callable[[float], Place | None],
         deliver: Callable[[Tracked], object],
         work: float,
     ) -> None:
         self._tracker = tracker
         self._ego_at = ego_at
-        self._distance_at = distance_at
+        self._place_at = place_at
         self._deliver = deliver
         self._work = work
         self._waiting: Image | None = None
@@ -102,7 +102,7 @@ class Vision:
 
     async def _track(self, image: Image) -> None:
         async with self._busy:
-            seen = image, self._ego_at(image.stamp), self._distance_at(image.stamp)
+            seen = image, self._ego_at(image.stamp), self._place_at(image.stamp)
             self._history.append(seen)
             track = await self._call(partial(self._tracker.step, *seen))
         self._deliver(Tracked(image.stamp, image.received, image.id, track))

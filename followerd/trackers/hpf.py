@@ -14,7 +14,7 @@ from followerd.estimation.hybrid import HybridFilter
 from followerd.estimation.image_plane import PlaneChange, by_odometry
 from followerd.estimation.particles import Estimator
 from followerd.geometry import Array, Pose2
-from followerd.messages import Box, Image, Odometry, Scan, TrackPhase, TrackState
+from followerd.messages import Box, Image, Odometry, Place, Scan, TrackPhase, TrackState
 from followerd.perception.ego_flow import EgoFlow
 from followerd.perception.region import region_of
 from followerd.settings import Settings
@@ -101,11 +101,12 @@ class Hpf:
         self,
         measurement: Image | Scan | Odometry,
         ego: Pose2 | None,
-        distance: float | None = None,
+        place: Place | None = None,
     ) -> TrackState | None:
         """The track after one more image; None before enrolment or for an image out of order.
 
-        `distance` m, where another sensor knows it, says how large the person now looks.
+        `place`, where another sensor knows it, says how large the person now looks, and roughly
+        in which column.
         """
         if not isinstance(measurement, Image) or self._last is None:
             return None
@@ -120,9 +121,9 @@ class Hpf:
         self._last = image.stamp, ego
         dt = min(dt, LONGEST_GAP)
         hybrid.predict(dt)
+        if isinstance(profile, DefaultProfile):
+            profile.expect(place, image.camera)
         sighting = profile.look(image, hybrid, dt)
-        if distance is not None and isinstance(profile, DefaultProfile):
-            profile.stand_at(distance, hybrid)
         self._seen = sighting.phase in (TrackPhase.CONFIRMED, TrackPhase.TENTATIVE)
         return self._state(image, ego, sighting, dt)
 

@@ -1,13 +1,13 @@
 """The `default` profile: soft colour and a template weigh the particles, and say who is there."""
 
-from math import exp, sqrt
+from math import cos, exp, sin, sqrt
 
 import numpy as np
 
 from followerd.estimation.hybrid import HybridFilter, Noise
 from followerd.estimation.particles import Estimator
-from followerd.geometry import Array
-from followerd.messages import Box, Image, TrackPhase
+from followerd.geometry import Array, Camera
+from followerd.messages import Box, Image, Place, TrackPhase
 from followerd.perception.appearance import Appearance, View
 from followerd.trackers.sighting import Sighting
 
@@ -21,6 +21,9 @@ FOUND = 0.55, 0.5  # same, from which somebody found elsewhere is the enrolled p
 NOTICE = 0.12, 0.3  # s, over which likeness and identity are averaged
 CONFIRM_AFTER = 0.2  # s of being sure
 SEARCH_AFTER, LOST_AFTER = 0.15, 0.6  # s of not being sure
+ASIDE = 0.35  # of the width, deviation of the other sensor's column
+FAR_ASIDE = 12.0  # squared deviations beyond which it is doubted rather than believed
+LEARN_ASIDE = 0.5  # of the width: farther from there nothing is learnt
 SAME_PERSON = 1.6  # ratio of sizes beyond which a distance is somebody else's
 LEAST_SIZE, LARGEST_SIZE = 0.12, 5.0  # of the size when enrolled
 OUTSIDE = 0.2  # of the height, that a box's centre may lie above or below the image
@@ -58,6 +61,16 @@ class DefaultProfile:
         self._turn = 0
         self._unlearnt = np.zeros(2)  # s since the template, the colour were learnt
         self._suspects: list[Array] = []  # places not yet looked at
+        self._expected: tuple[float, float] | None = None  # column px, distance m
+
+    def expect(self, place: Place | None, camera: Camera) -> None:
+        """Another sensor's word on where the person stands in the next image."""
+        self._expected = None
+        if place is not None:
+            x, y = place.distance * cos(place.bearing), place.distance * sin(place.bearing)
+            column, _, depth = camera.project(np.array([[x, y, 0.5 * camera.z]]))[0].tolist()
+            if depth > 0.0:
+                self._expected = column + 0.5, place.distance
 
     def look(self, image: Image, hybrid: HybridFilter, dt: float) -> Sighting:
         """One image; `hybrid` was predicted to it `dt` seconds on."""
@@ -79,7 +92,8 @@ class DefaultProfile:
             self._looks[i] += (1.0 - exp(-dt / notice)) * (looks[i] - self._looks[i])
         if self._confidence() >= 0.5:
             self._sure, self._unsure = self._sure + dt, 0.0
-            if _reach(looks, LEARN) and self._looks[1] >= LEARN[1]:
+            self._stand(hybrid)
+            if _reach(looks, LEARN) and self._looks[1] >= LEARN[1] and self._is_expected(hybrid):
                 self._learn(hybrid, view, place, dt)
         else:
             self._sure, self._unsure = 0.0, self._unsure + dt
@@ -104,6 +118,9 @@ class DefaultProfile:
         answers = self._appearance.answer(view, at)
         if answers is not None:
             logs += ANSWER_TRUST * answers
+        if self._expected is not None:
+            off = (hybrid.particles[:, 0] - self._expected[0]) / (ASIDE * hybrid.size[0])
+            logs -= 0.5 * np.minimum(off * off, FAR_ASIDE)
         hybrid.update_soft(logs, self._estimator)
 
     def _learn(self, hybrid: HybridFilter, view: View, place: Array, dt: float) -> None:
@@ -121,10 +138,17 @@ class DefaultProfile:
             if self._outline:
                 self._measure(hybrid, self._appearance.outline_growth(view, place))
 
-    def stand_at(self, distance: float, hybrid: HybridFilter) -> None:
-        """Size is inverse to distance (m); the first sure sight says how large the person is."""
-        if self._confidence() < 0.5:
+    def _is_expected(self, hybrid: HybridFilter) -> bool:
+        """Whether the person stands where the other sensor, if any, sees them."""
+        if self._expected is None:
+            return True
+        return bool(abs(hybrid.state[0] - self._expected[0]) < LEARN_ASIDE * hybrid.size[0])
+
+    def _stand(self, hybrid: HybridFilter) -> None:
+        """Size is inverse to distance; the first sure sight says how large the person is."""
+        if self._expected is None:
             return
+        distance = self._expected[1]
         size = sqrt(hybrid.size[0] * hybrid.size[1]) * distance
         if self._metric_size is None:
             self._metric_size = size

@@ -3,7 +3,7 @@
 from typing import Protocol
 
 from followerd.geometry import Pose2
-from followerd.messages import Box, Image, Odometry, Scan, TrackState
+from followerd.messages import Box, Image, Odometry, Place, Scan, TrackState
 
 
 class Tracker(Protocol):
@@ -24,11 +24,11 @@ class Tracker(Protocol):
         self,
         measurement: Image | Scan | Odometry,
         ego: Pose2 | None,
-        distance: float | None = None,
+        place: Place | None = None,
     ) -> TrackState | None:
         """The track after one more measurement; None before enrolment or if it says nothing new.
 
-        `distance` is how far away another sensor sees the person just then, m; None = unknown.
+        `place` is where another sensor sees the person just then; None = unknown.
         """
 
     def forget(self) -> None:
