@@ -9,7 +9,7 @@ import pytest
 
 from followerd.errors import ConfigError, UsageError
 from followerd.geometry import Camera, Pose2
-from followerd.messages import Box, Image, Odometry, Pixels, TrackPhase, TrackState, Twist
+from followerd.messages import Box, Image, Odometry, Pixels, Place, TrackPhase, TrackState, Twist
 from followerd.trackers.hpf import Hpf, HpfSettings
 from followerd.trackers.interfaces import Tracker
 from followerd.trackers.registry import TRACKERS
@@ -256,9 +256,9 @@ def test_a_known_distance_says_how_large_the_person_looks() -> None:
     tracker = hpf()
     tracker.enrol(picture(0, person), person, Pose2())
     for k in range(1, 16):
-        near = tracker.step(picture(k, person), Pose2(), 3.0)
+        near = tracker.step(picture(k, person), Pose2(), Place(3.0, 0.0))
     for k in range(16, 31):  # the picture stays, the other sensor insists that they come nearer
-        near = tracker.step(picture(k, person), Pose2(), 2.4)
+        near = tracker.step(picture(k, person), Pose2(), Place(2.4, 0.0))
     assert near is not None
     assert near.box is not None
     assert near.box.w > 1.08 * person.w

@@ -23,6 +23,7 @@ from followerd.messages import (
     Box,
     Image,
     Odometry,
+    Place,
     Pixels,
     Scan,
     TrackPhase,
@@ -71,7 +72,12 @@ class Scripted:
         assert isinstance(region, Box)
         return TrackState(image.stamp, TrackPhase.TENTATIVE, 1.0, image.id, region)
 
-    def step(self, measurement: Image | Scan | Odometry, ego: Pose2 | None) -> TrackState | None:
+    def step(
+        self,
+        measurement: Image | Scan | Odometry,
+        ego: Pose2 | None,
+        place: Place | None = None,
+    ) -> TrackState | None:
         return self._answers.pop(0)
 
     def forget(self) -> None:

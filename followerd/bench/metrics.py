@@ -49,10 +49,16 @@ def follow_figures(
         "wrong_follow_m": wrong_follow(tracked) if tracked else None,
         "collision_count": last.collisions if last else None,
         "bumped_count": last.bumped if last else None,
-        "min_person_distance_m": _finite(last.min_person_distance) if last else None,
+        "min_person_distance_m": nearest(last) if last else None,
         "min_any_distance_m": _finite(last.min_any_distance) if last else None,
         "time_in_private_zone_s": private_time(truths) if truths else None,
     }
+
+
+def nearest(last: Truth) -> float | None:
+    """Least distance to a person whom the robot approached; of all if it never approached any."""
+    caused = _finite(last.min_person_distance)
+    return _finite(last.min_any_distance) if caused is None else caused
 
 
 def is_visible(actor: Actor, camera: Camera) -> bool:

@@ -22,7 +22,7 @@ from followerd.bench.rows import Row
 from followerd.bench.scripts import Chaperon
 from followerd.bench.trackers import build
 from followerd.geometry import Array, Camera, Pose2
-from followerd.messages import Box, Image, Odometry, Scan, TrackPhase, TrackState
+from followerd.messages import Box, Image, Odometry, Place, Scan, TrackPhase, TrackState
 from followerd.sim.scenarios import load
 from followerd.sim.world import World
 
@@ -52,8 +52,14 @@ class Tape:
         self.seen = [(image, ego)]
         return TrackState(image.stamp, TrackPhase.TENTATIVE, 1.0, image.id)
 
-    def step(self, measurement: Image | Scan | Odometry, ego: Pose2 | None) -> None:
+    def step(
+        self,
+        measurement: Image | Scan | Odometry,
+        ego: Pose2 | None,
+        place: Place | None = None,
+    ) -> None:
         """Keep the frame."""
+        del place
         if isinstance(measurement, Image):
             self.seen.append((measurement, ego))
 

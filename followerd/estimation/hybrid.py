@@ -131,11 +131,15 @@ class HybridFilter:
         """Redraw `share` of the particles on the centres (M, 2) near the cloud (mixture)."""
         reach = 1.2 * self.size[0]
         near = centres[np.hypot(*(centres - self.particles[:, :2].mean(axis=0)).T) < reach]
+        if len(near):
+            self.scatter(near, share)
+
+    def scatter(self, centres: Array, share: float) -> None:
+        """Redraw `share` of the particles around the centres (M, 2), wherever the cloud is."""
         n = int(share * self._count)
-        if n and len(near):
-            picks = near[self._rng.integers(len(near), size=n)]
-            spread = self._rng.standard_normal((n, 2)) * self.noise.sigma_position
-            self.particles[:n, :2] = picks + spread
+        picks = centres[self._rng.integers(len(centres), size=n)]
+        spread = self._rng.standard_normal((n, 2)) * self.noise.sigma_position
+        self.particles[:n, :2] = picks + spread
 
     def update(self, boxes: Array, how: Estimator) -> Estimate | None:
         """Steps 4-6 with gated candidates (M, 4) x y w h; None if none explains any particle."""

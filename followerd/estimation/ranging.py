@@ -30,6 +30,7 @@ class RangingSettings(Settings):
 
     accel_density: float = Field(0.6, gt=0, description="of the walking person, m^2/s^3")
     bearing_sigma_deg: float = Field(1.5, gt=0, description="of the tracker's bearing")
+    beside_legs: float = Field(3.0, ge=1, description="times that, while the laser sees the legs")
     range_sigma_m: float = Field(0.3, gt=0, description="of a track's range that names none")
     range_share: float = Field(0.1, ge=0, description="share of its range a track errs at least")
     legs_sigma_m: float = Field(0.08, gt=0, description="of the middle between the legs")
@@ -37,6 +38,8 @@ class RangingSettings(Settings):
     leg_radius_m: float = Field(0.05, ge=0, description="from a leg's visible side to its middle")
     stride_m: float = Field(0.7, gt=0, description="farthest apart two legs of one person are")
     cone_deg: float = Field(7.0, gt=0, description="half width of the bearing cone for legs")
+    before_m: float = Field(0.35, gt=0, description="nearer than the person: somebody else's legs")
+    hides_m: float = Field(0.25, gt=0, description="aside of the line of sight, that still hide")
     gate: float = Field(3.5, gt=0, description="standard deviations a measurement may be off")
     max_track_age_s: float = Field(0.3, gt=0, description="older tracks claim no legs")
     max_sigma_m: float = Field(0.6, gt=0, description="more uncertain than this is unknown")
@@ -99,13 +102,18 @@ class Ranging:
             if track.range is not None:
                 self._start(track.range, sigma, base, track.stamp)
             return
-        self._measure(track.range, sigma, self._bearing_sigma(), base, track.stamp)
+        has_legs = track.stamp - self._legs_seen < self.settings.max_track_age_s
+        doubt = self.settings.beside_legs if has_legs else 1.0
+        self._measure(track.range, sigma, doubt * self._bearing_sigma(), base, track.stamp)
 
     def scan(self, clusters: Clusters, base: Pose2) -> None:
         """Take the legs the current track points at; `base` is `odom_from_base` at the scan."""
         self.claimed = ()
         track = self._track
-        if track is None or track.phase is not TrackPhase.CONFIRMED or track.bearing is None:
+        if track is None or track.bearing is None:
+            return
+        is_sure = track.phase is TrackPhase.CONFIRMED
+        if not is_sure and (track.phase is not TrackPhase.OCCLUDED or self._x is None):
             return
         if abs(clusters.stamp - track.stamp) > self.settings.max_track_age_s:
             return
@@ -123,7 +131,10 @@ class Ranging:
         else:
             self._measure(distance, sigma, sigma / distance, base, clusters.stamp, along)
         self._legs_seen = clusters.stamp
-        self.claimed = tuple(slice(int(clusters.first[k]), int(clusters.last[k]) + 1) for k in legs)
+        if is_sure:
+            self.claimed = tuple(
+                slice(int(clusters.first[k]), int(clusters.last[k]) + 1) for k in legs
+            )
 
     def person(self, stamp: float) -> Person | None:
         """The person at `stamp`; None when the position is unknown."""
@@ -169,8 +180,9 @@ class Ranging:
     def _legs(self, clusters: Clusters, base: Pose2) -> npt.NDArray[np.intp]:
         """The one or two clusters that are the person's legs.
 
-        Nearest to the expected place within the gate; with no expectation the nearest of the cone,
-        for whoever stood before the person would hide them from the camera too.
+        Nearest to the expected place within the gate, and none while somebody else's legs stand
+        before it; with no expectation the nearest of the cone, for whoever stood before the person
+        would hide them from the camera too.
         """
         person = self.person(clusters.stamp)
         if person is None:
@@ -186,7 +198,11 @@ class Ranging:
         if person is None or expected is None:
             order = distance + clusters.range * aside
         else:
-            reach = self.settings.gate * hypot(person.sigma, self.settings.legs_sigma_m)
+            before = expected - distance > self.settings.before_m
+            before &= clusters.leg_like & (clusters.range * aside < self.settings.hides_m)
+            if before.any():
+                return np.empty(0, np.intp)
+            reach = self.settings.gate * person.sigma
             order = np.hypot(distance - expected, clusters.range * aside)
             fits &= order < reach + 0.5 * self.settings.stride_m
         found = np.flatnonzero(fits)

@@ -1,6 +1,7 @@
 """The `default` profile: soft colour and a template weigh the particles, and say who is there."""
 
 from math import cos, exp, sin, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,11 +23,23 @@ NOTICE = 0.12, 0.3  # s, over which likeness and identity are averaged
 CONFIRM_AFTER = 0.2  # s of being sure
 SEARCH_AFTER, LOST_AFTER = 0.15, 0.6  # s of not being sure
 ASIDE = 0.35  # of the width, deviation of the other sensor's column
-FAR_ASIDE = 12.0  # squared deviations beyond which it is doubted rather than believed
-LEARN_ASIDE = 0.5  # of the width: farther from there nothing is learnt
-SAME_PERSON = 1.6  # ratio of sizes beyond which a distance is somebody else's
+ABOVE = 0.12  # of the height, deviation of its row
+EXPECTED_SHARE = 0.15  # of the particles, drawn anew where the other sensor sees the person
+FAR_OFF = 40.0  # squared deviations beyond which it is doubted rather than believed
+LEARN_ASIDE, LEARN_ABOVE = 0.5, 0.15  # of width and height: farther off nothing is learnt
+BACKED = 0.65  # share of the usual likeness that suffices where the other sensor agrees
+LOST_BACKED_AFTER = 2.0  # s of not being sure, while it goes on seeing the person
+SAME_PERSON = 1.3  # ratio of sizes beyond which a distance is somebody else's
 LEAST_SIZE, LARGEST_SIZE = 0.12, 5.0  # of the size when enrolled
 OUTSIDE = 0.2  # of the height, that a box's centre may lie above or below the image
+
+
+class Expected(NamedTuple):
+    """The ground point where another sensor sees the person, in the image."""
+
+    column: float  # px
+    row: float  # px
+    distance: float  # m
 
 
 class DefaultProfile:
@@ -58,19 +71,21 @@ class DefaultProfile:
         self._metric_size: float | None = None  # px at 1 m
         self._looks = [1.0, 1.0]  # likeness and identity, averaged
         self._sure = self._unsure = 0.0  # s
+        self._backed = False  # another sensor sees the person at the same place
         self._turn = 0
         self._unlearnt = np.zeros(2)  # s since the template, the colour were learnt
         self._suspects: list[Array] = []  # places not yet looked at
-        self._expected: tuple[float, float] | None = None  # column px, distance m
+        self._expected: Expected | None = None
+        self._foot: float | None = None  # of the height: box's lower edge under the ground point
 
     def expect(self, place: Place | None, camera: Camera) -> None:
         """Another sensor's word on where the person stands in the next image."""
         self._expected = None
         if place is not None:
             x, y = place.distance * cos(place.bearing), place.distance * sin(place.bearing)
-            column, _, depth = camera.project(np.array([[x, y, 0.5 * camera.z]]))[0].tolist()
+            column, row, depth = camera.project(np.array([[x, y, 0.0]]))[0].tolist()
             if depth > 0.0:
-                self._expected = column + 0.5, place.distance
+                self._expected = Expected(column + 0.5, row + 0.5, place.distance)
 
     def look(self, image: Image, hybrid: HybridFilter, dt: float) -> Sighting:
         """One image; `hybrid` was predicted to it `dt` seconds on."""
@@ -85,11 +100,14 @@ class DefaultProfile:
         peaks = view.window.to_image(self._appearance.peaks(view, 5))
         if self._mix:
             hybrid.propose(peaks, self._mix)
+        if self._expected is not None:
+            hybrid.scatter(np.array([self._middle(self._expected, hybrid)]), EXPECTED_SHARE)
         self._weigh(hybrid, view)
         place = view.window.to_window(hybrid.state[None, :2])[0]
         looks = self._compare(view, place)
         for i, notice in enumerate(NOTICE):
             self._looks[i] += (1.0 - exp(-dt / notice)) * (looks[i] - self._looks[i])
+        self._backed = self._expected is not None and self._is_expected(hybrid)
         if self._confidence() >= 0.5:
             self._sure, self._unsure = self._sure + dt, 0.0
             self._stand(hybrid)
@@ -109,7 +127,8 @@ class DefaultProfile:
 
     def _confidence(self) -> float:
         """0..1; from 0.5 on both likeness and identity suffice."""
-        return min(1.0, 0.5 * self._looks[0] / SEEN, 0.5 * self._looks[1] / SAME)
+        needed = BACKED if self._backed else 1.0
+        return min(1.0, 0.5 * self._looks[0] / SEEN / needed, 0.5 * self._looks[1] / SAME / needed)
 
     def _weigh(self, hybrid: HybridFilter, view: View) -> None:
         """The likelihood of every particle, in place of eq. 14."""
@@ -119,8 +138,10 @@ class DefaultProfile:
         if answers is not None:
             logs += ANSWER_TRUST * answers
         if self._expected is not None:
-            off = (hybrid.particles[:, 0] - self._expected[0]) / (ASIDE * hybrid.size[0])
-            logs -= 0.5 * np.minimum(off * off, FAR_ASIDE)
+            column, row = self._middle(self._expected, hybrid)
+            off = np.square((hybrid.particles[:, 0] - column) / (ASIDE * hybrid.size[0]))
+            off += np.square((hybrid.particles[:, 1] - row) / (ABOVE * hybrid.size[1]))
+            logs -= 0.5 * np.minimum(off, FAR_OFF)
         hybrid.update_soft(logs, self._estimator)
 
     def _learn(self, hybrid: HybridFilter, view: View, place: Array, dt: float) -> None:
@@ -142,13 +163,24 @@ class DefaultProfile:
         """Whether the person stands where the other sensor, if any, sees them."""
         if self._expected is None:
             return True
-        return bool(abs(hybrid.state[0] - self._expected[0]) < LEARN_ASIDE * hybrid.size[0])
+        column, row = self._middle(self._expected, hybrid)
+        aside, above = abs(hybrid.state[0] - column), abs(hybrid.state[1] - row)
+        return bool(aside < LEARN_ASIDE * hybrid.size[0] and above < LEARN_ABOVE * hybrid.size[1])
+
+    def _middle(self, expected: Expected, hybrid: HybridFilter) -> tuple[float, float]:
+        """Where the box's centre should be; how far it reaches below the ground point is learnt."""
+        if self._foot is None:
+            return expected.column, float(hybrid.state[1])
+        return expected.column, expected.row + (self._foot - 0.5) * float(hybrid.size[1])
 
     def _stand(self, hybrid: HybridFilter) -> None:
         """Size is inverse to distance; the first sure sight says how large the person is."""
         if self._expected is None:
             return
-        distance = self._expected[1]
+        if self._foot is None:
+            foot = float(hybrid.state[1] + 0.5 * hybrid.size[1])
+            self._foot = (foot - self._expected.row) / float(hybrid.size[1])
+        distance = self._expected.distance
         size = sqrt(hybrid.size[0] * hybrid.size[1]) * distance
         if self._metric_size is None:
             self._metric_size = size
@@ -179,7 +211,8 @@ class DefaultProfile:
                 self._suspects = []
 
     def _phase(self, hybrid: HybridFilter, image: Image) -> TrackPhase:
-        if _has_left(hybrid.box(), image) or self._unsure > LOST_AFTER:
+        patience = LOST_AFTER if self._expected is None else LOST_BACKED_AFTER
+        if _has_left(hybrid.box(), image) or self._unsure > patience:
             return TrackPhase.LOST
         if self._confidence() < 0.5:
             return TrackPhase.OCCLUDED

@@ -9,7 +9,7 @@ from followerd.geometry import Array, Camera
 from followerd.messages import Box, TrackPhase
 
 TALL = 1.7  # m, of a person whose head is out of view
-BODY = (0.4, 2.2)  # m: a box whose height on the ground is outside stands on no floor
+BODY = (0.15, 2.2)  # m: a box whose height on the ground is outside stands on no floor
 FOOT_NOISE = 1.5  # px in images of 192 px width
 
 
