@@ -33,9 +33,12 @@ format: $(READY)
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-opencv4: $(READY) ## the image code on the oldest line of OpenCV that is supported
+IMAGE_TESTS := $(addprefix tests/test_,appearance.py bench_film.py blobs.py camera.py colour.py \
+  hpf.py hybrid.py render.py track.py)
+
+opencv4: $(READY) ## the image code on the oldest OpenCV that is supported
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --upgrade --target build/opencv4 "opencv-python-headless==4.10.*"
-	PYTHONPATH=build/opencv4 $(BIN)/pytest -q -m "not slow" tests/perception tests/trackers tests/sim
+	PYTHONPATH=build/opencv4 $(BIN)/pytest -q -m "not slow" $(IMAGE_TESTS)
 
 lock: ## write constraints.txt anew from pyproject.toml
 	$(PYTHON) -m venv build/lock

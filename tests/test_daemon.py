@@ -1,5 +1,6 @@
 """The whole daemon in virtual time: drivers, twins and bytes, and an operator who speaks to it."""
 
+import asyncio
 import json
 from collections.abc import Awaitable, Callable
 from typing import Any
@@ -17,6 +18,7 @@ from followerd.runtime.daemon import Daemon
 from followerd.sim.rig import Rig
 
 TIMING = ("wall_s", "rss_mb")
+RS232 = {"laser.baud": 38400, "laser.resolution_deg": 1}
 
 Script = Callable[["Story"], Awaitable[None]]
 
@@ -62,29 +64,25 @@ class Story:
         return self.rig.world.truth().twist.v
 
 
+async def as_told(script: Script, story: Story) -> bool:
+    await script(story)
+    return True
+
+
 def tell(script: Script, seconds: float = 40.0, seed: int = 3) -> list[Decision]:
     """Run `script` beside the daemon in the corridor."""
     decisions: list[Decision] = []
 
     async def main() -> None:
-        config = load("hpf-sim", {"operator": "manual", "seed": seed})
+        config = load("hpf-sim", {"operator": "manual", "seed": seed, **RS232})
         rig = app.rig(config)
-        told = False
-
-        async def act(daemon: Daemon) -> None:
-            nonlocal told
-            await script(Story(daemon, rig))
-            told = True
-
-        def attach(daemon: Daemon) -> None:
-            daemon.decision_watchers.append(decisions.append)
-            scripts.append(act(daemon))
-
-        scripts: list[Any] = []
         daemon = app.build(config, app.in_memory(rig))
-        attach(daemon)
-        await clock.within(seconds, clock.together(rig.run(), daemon.run(), *scripts))
-        assert told, "the story did not come to its end"
+        daemon.decision_watchers.append(decisions.append)
+        goes_on = asyncio.create_task(clock.together(rig.run(), daemon.run()))
+        story = asyncio.create_task(clock.within(seconds, as_told(script, Story(daemon, rig))))
+        await asyncio.wait([goes_on, story], return_when=asyncio.FIRST_COMPLETED)
+        goes_on.cancel()
+        assert await story, "the story did not come to its end"
 
     clock.run_virtual(main())
     return decisions

@@ -8,7 +8,7 @@ import numpy as np
 
 from followerd.bench import overlay
 from followerd.bench.top_view import TopView
-from followerd.bench.video import VideoWriter
+from followerd.bench.video import Still, VideoWriter
 from followerd.messages import Decision, Image, Measurement, Pixels, Scan, Twist
 from followerd.runtime.daemon import Daemon
 from followerd.sim.scenarios import Scenario
@@ -22,13 +22,15 @@ GREY, WHITE = (40, 40, 40), (235, 235, 235)
 class Film:
     """Watches a daemon and writes a picture for each camera frame, once it is decided upon.
 
+    Into a film, or, where `path` ends in .png, only the last one.
+
     `truth` gives the world's newest truth, None as long as nobody knows it.
     """
 
     def __init__(
         self, path: Path, rate: float, scenario: Scenario, truth: Callable[[], Truth | None]
     ) -> None:
-        self._video = VideoWriter(path, rate)
+        self._video = Still(path) if path.suffix == ".png" else VideoWriter(path, rate)
         self._scenario = scenario
         self._truth = truth
         self._above: TopView | None = None

@@ -50,3 +50,20 @@ class VideoWriter:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+
+class Still:
+    """Keeps the last frame, as a picture file. Raises UsageError when it cannot be written."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._last: Pixels | None = None
+
+    def write(self, frame: Pixels) -> None:
+        """Take the place of the frame before."""
+        self._last = frame
+
+    def close(self) -> None:
+        """Write the file, if there was a frame."""
+        if self._last is not None and not cv2.imwrite(str(self._path), self._last):
+            raise UsageError(f"--render {self._path}: cannot be written")

@@ -45,7 +45,10 @@ def demo(
     camera: Annotated[str | None, Parameter(help=f"one of {', '.join(PRESETS)}")] = None,
     summary: SummaryFile = None,
     render: Annotated[
-        Path | None, Parameter(help="film the run into this *.mp4", validator=in_a_folder)
+        Path | None,
+        Parameter(
+            help="film the run into this *.mp4, or its end into a *.png", validator=in_a_folder
+        ),
     ] = None,
 ) -> None:
     """Watch a simulated Pioneer follow a person: the real daemon, its drivers and twins."""

@@ -6,14 +6,25 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
-from cv2.utils import logging
 
 from followerd.errors import LinkLost, OpenError
 from followerd.hw.camera.protocol import Frame
 from followerd.hw.inbox import Inbox
+
+SILENT = 0  # OpenCV's log level
+
+_logging: Any = getattr(cv2.utils, "logging", cv2)  # it moved there in OpenCV 5
+
+
+def _set_log_level(level: int) -> int:
+    """Set OpenCV's log level; the one before."""
+    before = int(_logging.getLogLevel())
+    _logging.setLogLevel(level)
+    return before
 
 
 class V4l2Source:
@@ -33,12 +44,11 @@ class V4l2Source:
         return V4l2Stream(device, self.name, capture)
 
     def _capture(self) -> cv2.VideoCapture:
-        level = logging.getLogLevel()
-        logging.setLogLevel(logging.LOG_LEVEL_SILENT)  # a failed open is told by us, in one line
+        level = _set_log_level(SILENT)  # a failed open is told by us, in one line
         try:
             capture = cv2.VideoCapture(self.name, cv2.CAP_V4L2)
         finally:
-            logging.setLogLevel(level)
+            _set_log_level(level)
         capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG"))
         capture.set(cv2.CAP_PROP_FRAME_WIDTH, self._width)
         capture.set(cv2.CAP_PROP_FRAME_HEIGHT, self._height)
