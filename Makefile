@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: setup demo test quick check format lock opencv4
+.PHONY: setup demo test quick check format lock opencv4 coverage
 
 setup: $(READY)
 
@@ -39,6 +39,11 @@ IMAGE_TESTS := $(addprefix tests/test_,appearance.py bench_film.py blobs.py came
 opencv4: $(READY) ## the image code on the oldest OpenCV that is supported
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --upgrade --target build/opencv4 "opencv-python-headless==4.10.*"
 	PYTHONPATH=build/opencv4 $(BIN)/pytest -q -m "not slow" $(IMAGE_TESTS)
+
+coverage: $(READY) ## every branch of the protocols and of the guard is tested
+	$(BIN)/pytest -q -m "not slow" --cov=followerd.hw --cov=followerd.control --cov-branch --cov-report= \
+	  $(addprefix tests/test_,p2os_protocol.py lms200_protocol.py camera.py guard.py clearance.py mode.py pipeline.py)
+	$(BIN)/coverage report --include="followerd/hw/*/protocol.py,followerd/control/guard.py" --fail-under=100
 
 lock: ## write constraints.txt anew from pyproject.toml
 	$(PYTHON) -m venv build/lock

@@ -127,8 +127,9 @@ class Camera:
         """Ground point (x, y) in `base` of a pixel; None nearer than 3 px to the horizon."""
         if py < self.horizon + 3.0:
             return None
-        p = self.ground_from_image @ (px, py, 1.0)
-        return float(p[0] / p[2]), float(p[1] / p[2])
+        (a, b, c), (d, e, f), (g, h, i) = self.ground_from_image.tolist()
+        z = g * px + h * py + i
+        return (a * px + b * py + c) / z, (d * px + e * py + f) / z
 
     def project(self, points: Array) -> Array:
         """Points (N, 3) of `base` as (N, 3): column px, row px, depth m along the axis."""

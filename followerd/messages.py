@@ -6,6 +6,7 @@ seconds of the event loop's clock. Frames: `odom`, `base`, `laser`, `camera` (se
 
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -74,8 +75,15 @@ class Scan:
     def points(self) -> Array:
         """End points (N, 2) in `base`, m; nan where there is no finite range."""
         r = np.where(np.isfinite(self.ranges), self.ranges, np.nan)
-        angles = self.angles
-        return self.base_from_laser.apply(np.column_stack([r * np.cos(angles), r * np.sin(angles)]))
+        ways = _directions(self.angle_min, self.angle_increment, self.ranges.size)
+        return self.base_from_laser.apply(r[:, None] * ways)
+
+
+@lru_cache(maxsize=8)
+def _directions(first: float, step: float, count: int) -> Array:
+    """Unit vectors (N, 2) of a fan of beams; a device keeps its fan."""
+    angles = first + step * np.arange(count)
+    return np.column_stack([np.cos(angles), np.sin(angles)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

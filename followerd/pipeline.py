@@ -1,6 +1,6 @@
 """One event in, one decision out: pure, so robot, simulation and replay run the same."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf
 
 from pydantic import Field, PositiveFloat
@@ -90,9 +90,9 @@ class Pipeline:
         wish = None if base is None else self._wish(permission, person, base)
         target = None if person is None else person.position
         seen = (self._odometry, self._view, target, self.ranging.claimed)
-        command = self.guard.check(wish, Situation(permission, base, *seen), now)
         cause, received = CAUSES.get(type(event), ""), getattr(event, "received", None)
-        command = replace(command, cause=cause, cause_received=received)
+        situation = Situation(permission, base, *seen)
+        command = self.guard.check(wish, situation, now, cause, received)
         self.ego_motion.commanded(command)
         # motors are not switched off under way
         self._motors = self.modes.armed or (self._motors and self.ego_motion.rolls(now))

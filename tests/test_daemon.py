@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from followerd import app, clock
-from followerd.bench.closed_loop import simulate
+from followerd.bench.closed_loop import simulate, staged
 from followerd.config import load
 from followerd.messages import Decision, Mode
 from followerd.runtime import logs
@@ -230,3 +230,20 @@ def test_the_person_ahead_is_found_by_the_laser() -> None:
         )
 
     tell(script, seconds=4.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("scenario", "tracking"),
+    [("laboratory-fixate", 0.97), ("office", 0.9), ("turns", 0.97), ("static-ball", 0.97)],
+)
+def test_every_scenario_is_followed_without_loss_or_collision(
+    scenario: str, tracking: float
+) -> None:
+    config = staged(load("hpf-sim", {"sim.scenario": scenario, "seed": 31}))
+    follow = simulate(config, 60.0)["follow"]
+    assert follow["tracking_rate"] >= tracking
+    assert follow["lost_count"] == 0
+    assert follow["collision_count"] == 0
+    assert follow["wrong_follow_m"] == 0
+    assert follow["min_person_distance_m"] is None or follow["min_person_distance_m"] >= 0.6

@@ -14,7 +14,8 @@ def rng(seed: int = 1) -> np.random.Generator:
 def test_the_noise_has_the_models_covariance() -> None:
     dt, q = 1 / 15, (3e4, 1e4)
     noise = particles.ncv_noise(200_000, dt, q, rng())
-    expected = kalman.ncv_noise(dt, q)
+    _, P = kalman.predict(np.zeros(4), np.zeros((3, 2)), dt, q)
+    expected = np.block([[np.diag(P[0]), np.diag(P[1])], [np.diag(P[1]), np.diag(P[2])]])
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     assert (np.cov(noise.T) - expected) / scale == pytest.approx(np.zeros((4, 4)), abs=0.012)
 

@@ -55,44 +55,46 @@ def _ahead(points: Array, v: float, body: Footprint) -> Array:
 
 
 def _around(points: Array, twist: Twist, body: Footprint) -> Array:
-    """Seen from the body the points circle the centre of rotation, and enter through an edge.
-
-    Each edge lies `at` a coordinate of one axis and spans `low` to `high` on the other, measured
-    from the centre; it is entered on that half of the circle on which it moves outward.
-    """
+    """Seen from the body the points circle the centre of rotation, and enter through an edge."""
     left, radius = (1.0 if twist.omega > 0 else -1.0), twist.v / twist.omega
     time = np.full(points.shape[0], inf)
-    z = points[:, 0] + 1j * (points[:, 1] - radius)
-    rho2 = z.real**2 + z.imag**2
+    x, y = points[:, 0], points[:, 1] - radius
+    rho2 = x * x + y * y
     inner = max(0.0, abs(radius) - body.half_width)
     outer2 = max(body.front, body.rear) ** 2 + (abs(radius) + body.half_width) ** 2
-    near = np.flatnonzero((rho2 < outer2) & (rho2 > inner * inner))
-    edges = _edges(body, radius)
-    at, low, high, half = edges[:, :4, None].transpose(1, 0, 2)
+    near = ((rho2 < outer2) & (rho2 > inner * inner)).nonzero()[0]
+    if not near.size:
+        return time
+    at, low, high, half = _edges(body, radius)
     square = rho2[near] - at * at
     place = left * half * np.sqrt(np.maximum(square, 0.0))
-    edge, point = np.nonzero((square >= 0.0) & (place >= low) & (place <= high))
-    crossing = at[edge, 0] + 1j * place[edge, point]
+    edge, entering = ((square >= 0.0) & (place >= low) & (place <= high)).nonzero()
+    point, across, along = near[entering], at[edge, 0], place[edge, entering]
     # the sides' coordinates are the other way round
-    crossing = np.where(edges[edge, 4] > 0.0, crossing, 1j * crossing.conj())
-    turn = left * np.angle(z[near[point]] * crossing.conj())
-    turns = np.full(square.shape, inf)
-    turns[edge, point] = np.where(turn >= 0.0, turn, inf)
-    time[near] = turns.min(axis=0) / abs(twist.omega)
+    crossing = np.where(edge < 2, across + 1j * along, along + 1j * across)
+    turn = left * np.angle((x[point] + 1j * y[point]) * crossing.conj())
+    entered = turn >= 0.0
+    np.minimum.at(time, point[entered], turn[entered] / abs(twist.omega))
     return time
 
 
 def _edges(body: Footprint, radius: float) -> Array:
-    """Front, rear, left and right: at, low, high, entered half in a left turn, an end or a side."""
+    """Front, rear, left and right (4, 4, 1): rows at, low, high, half.
+
+    Each edge lies `at` a coordinate of one axis and spans `low` to `high` on the other, measured
+    from the centre of rotation; in a left turn it is entered on that `half` of the circle on which
+    it moves outward.
+    """
+    front, rear = body.front, -body.rear
     right, left = -body.half_width - radius, body.half_width - radius
     return np.array(
-        [
-            (body.front, right, left, -1.0, 1.0),
-            (-body.rear, right, left, 1.0, 1.0),
-            (left, -body.rear, body.front, 1.0, 0.0),
-            (right, -body.rear, body.front, -1.0, 0.0),
-        ]
-    )
+        (
+            *(front, rear, left, right),
+            *(right, right, rear, rear),
+            *(left, left, front, front),
+            *(-1.0, 1.0, 1.0, -1.0),
+        )
+    ).reshape(4, 4, 1)
 
 
 def stopping_speed(distance: float, reaction: float, deceleration: float) -> float:

@@ -29,18 +29,17 @@ class Freshness:
 
     def stale(self, now: float) -> tuple[Reason, ...]:
         """Why the robot must stand: every stream that is too old, with its age."""
-        return tuple(
-            Reason(STREAMS[name].reason, name, self._age(name, now))
-            for name in STREAMS
-            if self._is_stale(name, now)
-        )
+        late = [name for name in STREAMS if self._is_stale(name, now)]
+        return tuple([Reason(STREAMS[name].reason, name, self._age(name, now)) for name in late])
 
     def ageing(self, share: float, now: float) -> tuple[Reason, ...]:
         """Why the robot should go slowly: streams older than `share` of their limit."""
         return tuple(
-            Reason(STREAMS[name].reason, name, self._age(name, now), full_stop=False)
-            for name in STREAMS
-            if now - self.newest[name] > share * self.stale_after[name]
+            [
+                Reason(STREAMS[name].reason, name, self._age(name, now), full_stop=False)
+                for name, limit in self.stale_after.items()
+                if now - self.newest[name] > share * limit
+            ]
         )
 
     def disarms(self, now: float) -> bool:
@@ -58,7 +57,7 @@ class Freshness:
 
     def good_until(self) -> float:
         """Loop time at which the first stream goes stale."""
-        return min(self.newest[name] + self.stale_after[name] for name in STREAMS)
+        return min([self.newest[name] + limit for name, limit in self.stale_after.items()])
 
     def _is_stale(self, name: str, now: float) -> bool:
         # written so that a NaN is stale

@@ -32,6 +32,7 @@ from followerd.messages import (
 TRIES = 4  # arcs looked at before the robot only turns
 INSTANT = 0.001  # s, taken to pass between two checks: what stands keeps trying the way
 CRAWL = 0.01  # m/s or rad/s: less is not worth moving for
+FROM_MODES = Reason(StopReason.LIMIT, "modes")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,12 +67,21 @@ class Guard:
         self._echoes = Echoes(settings.sonar_age_s, settings.sonar_reach_m)
         self._approved = Twist()
         self._approved_at = -inf
+        self._looked_at: View | None = None
+        self._plausible = False  # what was looked at
 
     def sense(self, odometry: Odometry) -> None:
         """Remember the sonar readings of a base report."""
         self._echoes.sense(odometry)
 
-    def check(self, wish: Wish | None, situation: Situation, now: float) -> Command:
+    def check(
+        self,
+        wish: Wish | None,
+        situation: Situation,
+        now: float,
+        cause: str = "",
+        cause_received: float | None = None,
+    ) -> Command:
         """The command for `wish`; it differs only with a reason, and never outlives its data."""
         reasons = self._forbidding(wish, situation, now)
         motion: Wish | None = None
@@ -94,8 +104,10 @@ class Guard:
             stamp=now,
             motion=motion,
             expires=now if motion is None else good_until,
-            emergency=any(reason.stop is StopReason.ESTOP for reason in reasons),
+            emergency=StopReason.ESTOP in [reason.stop for reason in reasons],
             reasons=tuple(reasons),
+            cause=cause,
+            cause_received=cause_received,
         )
 
     def _forbidding(self, wish: Wish | None, situation: Situation, now: float) -> list[Reason]:
@@ -111,13 +123,19 @@ class Guard:
             absurd.append("wish")
         if odometry is not None and not is_plausible_odometry(odometry):
             absurd.append("odometry")
-        if view is not None and not is_plausible_scan(view.scan, self.settings.max_missing_share):
+        if view is not None and not self._is_plausible(view):
             absurd.append("scan")
         if situation.base is None or odometry is None:
             return [Reason(StopReason.ODOMETRY_STALE, "odometry", "position unknown")]
         if view is None:
             return [Reason(StopReason.SCAN_STALE, "scan", "taken at an unknown place")]
         return [Reason(StopReason.ABSURD_DATA, name) for name in absurd]
+
+    def _is_plausible(self, view: View) -> bool:
+        if view is not self._looked_at:
+            self._looked_at = view
+            self._plausible = is_plausible_scan(view.scan, self.settings.max_missing_share)
+        return self._plausible
 
     def _twist(self, wish: Wish) -> Twist:
         if isinstance(wish, Twist):
@@ -134,17 +152,18 @@ class Guard:
         """Within all caps that need no look at the way."""
         s, v = self.settings, wanted.v
         if v > 0:
-            v = _slower(v, s.speed_cap, reasons, Reason(StopReason.LIMIT, "guard", "speed"))
+            v = _slower(v, s.speed_cap, reasons, StopReason.LIMIT, "guard", "speed")
             v = self._near_target(v, situation, reasons)
             v = self._near_others(v, situation, reasons)
         if v < 0:
             v = self._backward(v, reasons, now)
-        for why in situation.permission.reasons or (Reason(StopReason.LIMIT, "modes"),):
-            v = _slower(v, situation.permission.max_speed, reasons, why)
+        allowed = situation.permission.max_speed
+        for why in situation.permission.reasons or (FROM_MODES,):
+            v = _slower(v, allowed, reasons, why.stop, why.device, why.detail)
         for late in self.freshness.ageing(s.slow_after, now):
-            v = _slower(v, s.slow_speed_mps, reasons, late)
-        turning = Reason(StopReason.LIMIT, "guard", "turn rate")
-        omega = _slower(wanted.omega, radians(s.max_turn_degps), reasons, turning)
+            v = _slower(v, s.slow_speed_mps, reasons, late.stop, late.device, late.detail)
+        fastest = radians(s.max_turn_degps)
+        omega = _slower(wanted.omega, fastest, reasons, StopReason.LIMIT, "guard", "turn rate")
         return Twist(v, omega)
 
     def _ramped(self, twist: Twist, now: float) -> Twist:
@@ -160,10 +179,10 @@ class Guard:
         """No forward speed toward a person who is near, or at an unknown distance."""
         s, base, target = self.settings, situation.base, situation.target
         if base is None or target is None:
-            return _slower(v, 0.0, reasons, Reason(StopReason.RANGE_UNKNOWN, "tracker"))
+            return _slower(v, 0.0, reasons, StopReason.RANGE_UNKNOWN, "tracker")
         distance = hypot(target[0] - base.x, target[1] - base.y)
-        close = Reason(StopReason.PERSON_TOO_CLOSE, "tracker", f"followed, at {distance:.2f} m")
-        return _slower(v, (distance - s.min_target_m) / s.approach_s, reasons, close)
+        limit, why = (distance - s.min_target_m) / s.approach_s, f"followed, at {distance:.2f} m"
+        return _slower(v, limit, reasons, StopReason.PERSON_TOO_CLOSE, "tracker", why)
 
     def _near_others(self, v: float, situation: Situation, reasons: list[Reason]) -> float:
         """Slowly past whoever else stands near the way."""
@@ -172,25 +191,25 @@ class Guard:
             return v
         seen = situation.view.clusters
         others = seen.leg_like & (seen.nearest < s.person_within_m)
+        if not others.any():
+            return v
         others &= (seen.centre[:, 0] > 0) & (abs(seen.centre[:, 1]) < s.person_aside_m)
         for beams in situation.claimed:
             others &= (seen.last < beams.start) | (seen.first >= beams.stop)
         if not others.any():
             return v
-        nearest = float(seen.nearest[others].min())
-        near = Reason(StopReason.PERSON_TOO_CLOSE, "laser", f"someone else at {nearest:.2f} m")
-        return _slower(v, s.person_speed_mps, reasons, near)
+        why = f"someone else at {seen.nearest[others].min():.2f} m"
+        return _slower(v, s.person_speed_mps, reasons, StopReason.PERSON_TOO_CLOSE, "laser", why)
 
     def _backward(self, v: float, reasons: list[Reason], now: float) -> float:
         """Backward only where the sonar has just looked."""
         s, behind = self.settings, self._echoes.behind(now)
         if len(behind) < s.rear_discs:
-            return _slower(v, 0.0, reasons, Reason(StopReason.REAR_UNSEEN, "sonar"))
+            return _slower(v, 0.0, reasons, StopReason.REAR_UNSEEN, "sonar")
         limit = stopping_speed(min(behind) - s.rear_margin_m, s.reaction_s, s.deceleration_mps2)
-        close = Reason(StopReason.OBSTACLE, "sonar", f"{min(behind):.2f} m behind")
-        v = _slower(v, limit, reasons, close)
-        reverse = Reason(StopReason.LIMIT, "guard", "backward speed")
-        return _slower(v, s.max_reverse_mps, reasons, reverse)
+        why = f"{min(behind):.2f} m behind"
+        v = _slower(v, limit, reasons, StopReason.OBSTACLE, "sonar", why)
+        return _slower(v, s.max_reverse_mps, reasons, StopReason.LIMIT, "guard", "backward speed")
 
     def _obstacles(
         self, view: View, claimed: tuple[slice, ...], base: Pose2, v: float, now: float
@@ -206,10 +225,11 @@ class Guard:
 
         A lower speed at the same turn rate sweeps another arc: what is allowed is checked again.
         """
-        v, omega, why = twist.v, twist.omega, ""
+        v, omega = twist.v, twist.omega
         if omega != 0.0:
-            corner = Reason(StopReason.OBSTACLE, "laser", "beside the robot, in its turn")
-            omega = _slower(omega, self._way.free_turn(omega, obstacles), reasons, corner)
+            limit, why = self._way.free_turn(omega, obstacles), "beside the robot, in its turn"
+            omega = _slower(omega, limit, reasons, StopReason.OBSTACLE, "laser", why)
+        why = ""
         for _ in range(TRIES):
             if v == 0.0:
                 break
@@ -219,11 +239,11 @@ class Guard:
             if abs(v) <= limit:
                 break
             # an arc of lower speed may be a little less free
-            v = _slower(v, limit if omega == 0.0 else 0.95 * limit, [], Reason(StopReason.OBSTACLE))
+            v = _slower(v, limit if omega == 0.0 else 0.95 * limit, [], StopReason.OBSTACLE)
         else:
             v = 0.0
-        ahead = Reason(StopReason.OBSTACLE, "laser", why)
-        return Twist(_slower(twist.v, abs(v), reasons, ahead), omega)
+        v = _slower(twist.v, abs(v), reasons, StopReason.OBSTACLE, "laser", why)
+        return Twist(v, omega)
 
 
 def _as_wished(wish: Wish, wanted: Twist, ramped: Twist, allowed: Twist) -> Wish | None:
@@ -237,13 +257,20 @@ def _as_wished(wish: Wish, wanted: Twist, ramped: Twist, allowed: Twist) -> Wish
     return allowed
 
 
-def _slower(value: float, limit: float, reasons: list[Reason], why: Reason) -> float:
+def _slower(
+    value: float,
+    limit: float,
+    reasons: list[Reason],
+    stop: StopReason,
+    device: str = "",
+    detail: str = "",
+) -> float:
     """`value` no larger than `limit` in size; below a crawl it is a stop; says so in `reasons`."""
     if abs(value) <= limit:
         return value
     # written so that a limit that is not a number stops
     limit = limit if limit >= CRAWL else 0.0
-    reasons.append(replace(why, full_stop=limit == 0.0))
+    reasons.append(Reason(stop, device, detail, full_stop=limit == 0.0))
     return limit if value > 0 else -limit
 
 

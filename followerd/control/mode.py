@@ -197,7 +197,7 @@ class Modes:
     def _elapse(self, stale: tuple[Reason, ...], now: float) -> None:
         """The transitions that time brings."""
         s = self.settings
-        if self.freshness.disarms(now):
+        if stale and self.freshness.disarms(now):
             self._go(Signal.RELEASE, now, *stale)
         doubt = now - self._doubt_since
         lost = self._phase is TrackPhase.LOST

@@ -17,6 +17,9 @@ class Obstacles:
     margins: Array  # (N,) m
 
 
+NOTHING = Obstacles(np.empty((0, 2)), np.empty(0))
+
+
 @dataclass(frozen=True, slots=True)
 class Echo:
     """A sonar reading, kept where it was heard in `odom`."""
@@ -51,7 +54,9 @@ class Echoes:
     def obstacles(self, base: Pose2, margin: float, now: float) -> Obstacles:
         """Fresh echoes within reach, each owed `margin` m; the robot is at `odom_from_base`."""
         heard = [(e.x, e.y) for e in self._fresh(now) if e.range < self.reach]
-        points = np.array(heard).reshape(-1, 2)
+        if not heard:
+            return NOTHING
+        points = np.array(heard)
         return Obstacles((~base).apply(points), np.full(len(heard), margin))
 
     def _fresh(self, now: float) -> list[Echo]:
@@ -76,6 +81,9 @@ def returns(
 
 def together(*parts: Obstacles) -> Obstacles:
     """All of them."""
+    parts = tuple([part for part in parts if part.margins.size])
+    if len(parts) <= 1:
+        return parts[0] if parts else NOTHING
     return Obstacles(
         np.concatenate([part.points for part in parts]),
         np.concatenate([part.margins for part in parts]),

@@ -12,6 +12,7 @@ from followerd.settings import Settings
 
 STEP = 0.01  # s, of the integration beyond the newest packet
 STILL, STILL_TURN = 0.02, 0.05  # m/s, rad/s: slower counts as standing
+REST = Twist()
 MOST_COMMANDS = 512  # more than are given between two packets
 
 
@@ -97,33 +98,34 @@ class EgoMotion:
         if stamp - newest.stamp > self.settings.max_gap_s:
             return None
         x, y, theta = newest.pose.x, newest.pose.y, newest.pose.theta
-        twist, time = newest.twist, newest.stamp
+        v, omega, time = newest.twist.v, newest.twist.omega, newest.stamp
         accel = self.settings.accel_mps2
         turn_accel = radians(self.settings.turn_accel_degps2)
+        commands = iter(self._commands)
+        acting, following = None, next(commands, None)
         while time < stamp:
             dt = min(STEP, stamp - time)
-            wanted = self._wanted(time, twist)
-            v = _toward(twist.v, wanted.v, accel * dt)
-            omega = _toward(twist.omega, wanted.omega, turn_accel * dt)
-            way, turn = 0.5 * (twist.v + v) * dt, 0.5 * (twist.omega + omega) * dt
+            while following is not None and following.stamp <= time - self.settings.latency_s:
+                acting, following = following, next(commands, None)
+            v0, omega0 = v, omega
+            if acting is not None:
+                wanted = _wanted(acting, time)
+                if wanted is not None:
+                    v = _toward(v, wanted.v, accel * dt)
+                    omega = _toward(omega, wanted.omega, turn_accel * dt)
+            way, turn = 0.5 * (v0 + v) * dt, 0.5 * (omega0 + omega) * dt
             x += way * cos(theta + 0.5 * turn)
             y += way * sin(theta + 0.5 * turn)
             theta += turn
-            twist, time = Twist(v, omega), time + dt
-        return Pose2(x, y, wrap_angle(theta)), twist
+            time += dt
+        return Pose2(x, y, wrap_angle(theta)), Twist(v, omega)
 
-    def _wanted(self, time: float, twist: Twist) -> Twist:
-        """What the base is ramping toward at `time`; its own speed when nothing is known."""
-        acting = None
-        for command in self._commands:
-            if command.stamp > time - self.settings.latency_s:
-                break
-            acting = command
-        if acting is None:
-            return twist
-        if acting.motion is None or time > acting.expires:
-            return Twist()
-        return acting.motion if isinstance(acting.motion, Twist) else twist
+
+def _wanted(acting: Command, time: float) -> Twist | None:
+    """What the base is ramping toward at `time`; None where that is its own speed."""
+    if acting.motion is None or time > acting.expires:
+        return REST
+    return acting.motion if isinstance(acting.motion, Twist) else None
 
 
 def _toward(value: float, goal: float, step: float) -> float:

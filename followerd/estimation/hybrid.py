@@ -12,7 +12,6 @@ from followerd.estimation import kalman, particles
 from followerd.estimation.particles import Estimator
 from followerd.geometry import Array
 
-H = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]])  # H' of eq. 13
 SMALLEST = 4.0  # px, of either side; the largest is twice the image
 HOPELESS = -60.0  # log weight below which all particles are equally wrong
 
@@ -55,7 +54,7 @@ class Estimate:
 
 
 class HybridFilter:
-    """N weighted particles of the position, mean and covariance of the size."""
+    """N weighted particles of the position, mean and covariance (see kalman) of the size."""
 
     def __init__(
         self,
@@ -71,7 +70,7 @@ class HybridFilter:
         self.state: Array
         width, height = frame
         speed = 2.0 * width
-        self._frame = np.array(frame)
+        self._largest = 2.0 * np.array(frame)
         self._limits = (
             np.array([-0.1 * width, -0.1 * height, -speed, -speed]),
             np.array([1.1 * width, 1.1 * height, speed, speed]),
@@ -79,7 +78,7 @@ class HybridFilter:
         self._rng = rng
         self._count = count
         self.size: Array = np.array([box[2], box[3], 0.0, 0.0])
-        self.P: Array = np.zeros((4, 4))
+        self.P: Array = np.zeros((3, 2))
         self.seed(box, np.zeros(2))
         self.state = np.array([box[0], box[1], 0.0, 0.0])
 
@@ -93,14 +92,15 @@ class HybridFilter:
         self.state = np.array([box[0], box[1], *velocity])
         self.size[2:] = 0.0
         self.size[:2] = box[2:]
-        self.P = np.diag([*np.square(self.noise.sigma_size), *np.square(self.noise.sigma_size)])
+        variance = np.square(self.noise.sigma_size)
+        self.P = np.array([variance, (0.0, 0.0), variance])
 
     def move_camera(self, homography: Array, below: float, zoom: float) -> None:
         """Carry the whole state into the new image plane (section 4; figure 3, steps 1 and 2).
 
         `zoom` scales the size; velocities then are the person's own.
         """
-        everything = np.vstack([self.particles, self.state])
+        everything = np.concatenate([self.particles, self.state[None]])
         moved = particles.warp(everything, homography, below)
         if below:  # the foot was mapped; the centre stands above it by the new half height
             moved[:, 1] += below * (1.0 - zoom)
@@ -112,19 +112,21 @@ class HybridFilter:
         """Steps 1-3: resample, predict both halves, keep them inside reason."""
         chosen = particles.resample(self.weights, self._rng)
         self.weights = np.full(self._count, 1.0 / self._count)
-        cloud = particles.predict(self.particles[chosen], dt, self.noise.q_position, self._rng)
-        np.clip(cloud, *self._limits, out=cloud)
+        cloud = self.particles.take(chosen, axis=0)
+        cloud = particles.predict(cloud, dt, self.noise.q_position, self._rng)
+        lowest, highest = self._limits
+        np.minimum(np.maximum(cloud, lowest, out=cloud), highest, out=cloud)
         self.particles = cloud
-        F, Q = kalman.ncv_transition(dt), kalman.ncv_noise(dt, self.noise.q_size)
-        self.state = F @ self.state
-        self.size, self.P = kalman.predict(self.size, self.P, F, Q)
+        self.state = self.state.copy()
+        self.state[:2] += dt * self.state[2:]
+        self.size, self.P = kalman.predict(self.size, self.P, dt, self.noise.q_size)
         self._bound_size()
 
     def shape_distance(self, sizes: Array) -> Array:
         """Squared Mahalanobis distances (M,) of sizes (M, 2) to the predicted one (step 4)."""
         y = sizes - self.size[:2]
-        S = self.P[:2, :2] + np.diag(np.square(self.noise.sigma_size))
-        distances: Array = np.einsum("ij,ij->i", y, np.linalg.solve(S, y.T).T)
+        S = self.P[0] + np.square(self.noise.sigma_size)
+        distances: Array = (y * y / S).sum(axis=1)
         return distances
 
     def propose(self, centres: Array, share: float) -> None:
@@ -137,7 +139,7 @@ class HybridFilter:
     def scatter(self, centres: Array, share: float) -> None:
         """Redraw `share` of the particles around the centres (M, 2), wherever the cloud is."""
         n = int(share * self._count)
-        picks = centres[self._rng.integers(len(centres), size=n)]
+        picks = centres.take(self._rng.integers(len(centres), size=n), axis=0)
         spread = self._rng.standard_normal((n, 2)) * self.noise.sigma_position
         self.particles[:n, :2] = picks + spread
 
@@ -169,12 +171,13 @@ class HybridFilter:
 
     def measure_size(self, size: Array) -> None:
         """Step 5: the chosen candidate's size (2,) updates the Kalman half."""
-        R = np.diag(np.square(self.noise.sigma_size))
-        self.size, self.P = kalman.update(self.size, self.P, size, H, R)
+        R = np.square(self.noise.sigma_size)
+        self.size, self.P = kalman.update(self.size, self.P, size, R)
         self._bound_size()
 
     def _bound_size(self) -> None:
-        np.clip(self.size[:2], SMALLEST, 2.0 * self._frame, out=self.size[:2])
+        size = self.size[:2]
+        np.minimum(np.maximum(size, SMALLEST, out=size), self._largest, out=size)
 
     def coast(self, dt: float) -> None:
         """Nothing seen: velocities fade, the size is frozen and its uncertainty capped."""
@@ -184,7 +187,7 @@ class HybridFilter:
         self.state[:2] = self.weights @ self.particles[:, :2]
         self.size[2:] = 0.0
         cap = 16.0 * np.square(self.noise.sigma_size)
-        excess = np.diag(self.P)[:2] / cap
+        excess = self.P[0] / cap
         if excess.max() > 1.0:
             self.P /= excess.max()
 

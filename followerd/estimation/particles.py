@@ -3,6 +3,7 @@
 Zhuang et al. 2008, section 2.2 and steps 1-4 of section 3.3.2.
 """
 
+from math import sqrt
 from typing import Literal
 
 import numpy as np
@@ -32,18 +33,21 @@ def ncv_noise(n: int, dt: float, q: tuple[float, float], rng: np.random.Generato
     `q` is the spectral density of x and y, px²/s³. Position and velocity noise are correlated
     (√3/2): four independent draws would be another model.
     """
-    a = np.sqrt(dt**3 / 3)
+    a = sqrt(dt**3 / 3)
     b = dt**2 / (2 * a)
-    c = np.sqrt(dt - b * b)
+    c = sqrt(dt - b * b)
     roots = np.sqrt(q)
     n1, n2 = rng.standard_normal((2, n, 2))
-    noise: Array = np.hstack([a * roots * n1, roots * (b * n1 + c * n2)])
+    noise = np.empty((n, 4))
+    np.multiply(n1, a * roots, out=noise[:, :2])
+    np.add(n1 * (b * roots), n2 * (c * roots), out=noise[:, 2:])
     return noise
 
 
 def predict(particles: Array, dt: float, q: tuple[float, float], rng: np.random.Generator) -> Array:
     """Particles (N, 4) `dt` seconds later (eq. 9, step 2)."""
-    moved = particles + ncv_noise(len(particles), dt, q, rng)
+    moved = ncv_noise(len(particles), dt, q, rng)
+    moved += particles
     moved[:, :2] += dt * particles[:, 2:]
     return moved
 
@@ -54,19 +58,25 @@ def warp(particles: Array, homography: Array, below: float = 0.0) -> Array:
     The point that is mapped lies `below` px under the particle (the foot). Velocities turn with
     the Jacobian of the map at the mean particle.
     """
-    feet = particles[:, :2] + (0.0, below)
-    mapped = feet @ homography[:, :2].T + homography[:, 2]
+    under = np.array([0.0, below])
+    feet = particles[:, :2] + under
+    mapped = feet @ homography[:, :2].T
+    mapped += homography[:, 2]
     out = np.empty_like(particles)
-    out[:, :2] = mapped[:, :2] / mapped[:, 2:] - (0.0, below)
-    out[:, 2:] = particles[:, 2:] @ jacobian(homography, feet.mean(axis=0)).T
+    np.divide(mapped[:, :2], mapped[:, 2:], out=out[:, :2])
+    out[:, :2] -= under
+    middle = feet.sum(axis=0) / len(feet)
+    np.matmul(particles[:, 2:], jacobian(homography, middle).T, out=out[:, 2:])
     return out
 
 
 def jacobian(homography: Array, point: Array) -> Array:
     """Derivative (2, 2) of the map of `homography` (3, 3) at `point` (2,)."""
-    x, y, z = homography @ (point[0], point[1], 1.0)
-    derivative: Array = (homography[:2, :2] - np.outer((x / z, y / z), homography[2, :2])) / z
-    return derivative
+    (a, b, c), (d, e, f), (g, h, i) = homography.tolist()
+    x, y = point.tolist()
+    z = g * x + h * y + i
+    u, v = (a * x + b * y + c) / z, (d * x + e * y + f) / z
+    return np.array([[(a - u * g) / z, (b - u * h) / z], [(d - v * g) / z, (e - v * h) / z]])
 
 
 def nearest(particles: Array, centres: Array) -> tuple[Indices, Array]:
@@ -100,7 +110,7 @@ def estimate(particles: Array, weights: Array, groups: Indices, how: Estimator) 
     `groups` (N,) holds the index of each particle's candidate.
     """
     if how == "max":
-        chosen: Array = particles[np.argmax(weights)]
+        chosen: Array = particles[weights.argmax()]
         return chosen
     if how == "cluster":
         heaviest = np.argmax(np.bincount(groups, weights))

@@ -6,7 +6,7 @@ one scalar at a time, so that either half may be missing.
 """
 
 from dataclasses import dataclass, replace
-from math import atan2, cos, hypot, inf, radians, sin, sqrt
+from math import atan2, cos, hypot, inf, nan, radians, sin, sqrt
 
 import numpy as np
 import numpy.typing as npt
@@ -15,14 +15,6 @@ from pydantic import Field
 from followerd.geometry import Array, Pose2, wrap_angle
 from followerd.messages import Clusters, Place, TrackPhase, TrackState
 from followerd.settings import Settings
-
-I2, O2 = np.eye(2), np.zeros((2, 2))
-# white noise of the acceleration, per density: the parts of Q that grow with t, t^2 and t^3
-ACCELERATED = (
-    np.block([[O2, O2], [O2, I2]]),
-    np.block([[O2, I2 / 2], [I2 / 2, O2]]),
-    np.block([[I2 / 3, O2], [O2, O2]]),
-)
 
 
 class RangingSettings(Settings):
@@ -57,7 +49,8 @@ class Person:
     @property
     def sigma(self) -> float:
         """Largest standard deviation of the position, m."""
-        (a, b), (_, c) = self.covariance[:2, :2]
+        P = self.covariance
+        a, b, c = P.item(0, 0), P.item(0, 1), P.item(1, 1)
         return sqrt(max(0.0, 0.5 * (a + c) + hypot(0.5 * (a - c), b)))
 
     def seen_from(self, base: Pose2) -> tuple[float, float]:
@@ -82,6 +75,8 @@ class Ranging:
         self._x: Array | None = None
         self._P: Array = np.eye(4)
         self._stamp = -inf
+        self._foreseen: Person | None = None  # by the last call of `person`
+        self._foreseen_at = nan  # s; nan: the state has changed since
         self._rejected = 0
         self._track: TrackState | None = None
         self._sight = 0.0  # rad in odom, direction in which the track was seen
@@ -140,9 +135,13 @@ class Ranging:
         """The person at `stamp`; None when the position is unknown."""
         if self._x is None:
             return None
-        x, P = self._predicted(stamp)
-        person = Person((float(x[0]), float(x[1])), (float(x[2]), float(x[3])), P)
-        return person if person.sigma <= self.settings.max_sigma_m else None
+        if stamp != self._foreseen_at:
+            state, P = self._predicted(stamp)
+            x, y, vx, vy = state.tolist()
+            person = Person((x, y), (vx, vy), P)
+            self._foreseen = person if person.sigma <= self.settings.max_sigma_m else None
+            self._foreseen_at = stamp
+        return self._foreseen
 
     def bearing(self, base: Pose2) -> float | None:
         """Where the track was last seen from the robot at `odom_from_base`, rad; None if lost."""
@@ -186,32 +185,28 @@ class Ranging:
         """
         person = self.person(clusters.stamp)
         if person is None:
-            expected, bearing = None, wrap_angle(self._sight - base.theta)
+            expected, bearing, reach = None, wrap_angle(self._sight - base.theta), inf
         else:
             expected, bearing = person.seen_from(base)
-        aside = np.abs((clusters.bearing - bearing + np.pi) % (2 * np.pi) - np.pi)
-        cone = radians(self.settings.cone_deg) + np.arctan2(
-            0.5 * self.settings.stride_m, np.maximum(clusters.range, 0.3)
-        )
-        fits = clusters.leg_like & (aside < cone)
-        distance = clusters.range + self.settings.leg_radius_m
-        if person is None or expected is None:
-            order = distance + clusters.range * aside
-        else:
-            before = expected - distance > self.settings.before_m
-            before &= clusters.leg_like & (clusters.range * aside < self.settings.hides_m)
-            if before.any():
+            reach = self.settings.gate * person.sigma + 0.5 * self.settings.stride_m
+        s, fits = self.settings, []
+        for k in clusters.leg_like.nonzero()[0].tolist():
+            near = clusters.range.item(k)
+            distance = near + s.leg_radius_m
+            angle = abs(wrap_angle(clusters.bearing.item(k) - bearing))
+            aside = near * angle
+            in_cone = angle < radians(s.cone_deg) + atan2(0.5 * s.stride_m, max(near, 0.3))
+            off = distance + aside if expected is None else hypot(distance - expected, aside)
+            if expected is not None and expected - distance > s.before_m and aside < s.hides_m:
                 return np.empty(0, np.intp)
-            reach = self.settings.gate * person.sigma
-            order = np.hypot(distance - expected, clusters.range * aside)
-            fits &= order < reach + 0.5 * self.settings.stride_m
-        found = np.flatnonzero(fits)
-        if not found.size:
+            if in_cone and off < reach:
+                fits.append((off, k))
+        found = np.array([k for _, k in sorted(fits)], np.intp)
+        if found.size < 2:
             return found
-        found = found[np.argsort(order[found], kind="stable")]
         gaps = np.hypot(*(clusters.centre[found] - clusters.centre[found[0]]).T)
-        near: npt.NDArray[np.intp] = found[gaps < self.settings.stride_m]
-        return near[:2]
+        near_first: npt.NDArray[np.intp] = found[gaps < s.stride_m]
+        return near_first[:2]
 
     def _bearing_sigma(self) -> float:
         return radians(self.settings.bearing_sigma_deg)
@@ -224,21 +219,21 @@ class Ranging:
         self._P = np.diag([0.0, 0.0, 0.5, 0.5])
         self._P[:2, :2] = sigma**2 * np.outer(u, u) + across**2 * np.outer(t, t)
         self._stamp = stamp
+        self._foreseen_at = nan
         self._rejected = 0
 
     def _predicted(self, stamp: float) -> tuple[Array, Array]:
         """State and covariance at `stamp`; a time before the state's is met without noise."""
         assert self._x is not None
         dt = stamp - self._stamp
+        if dt == 0.0:
+            return self._x, self._P
         x, P = self._x.copy(), self._P.copy()
         # F x and F P F', F being the identity but for dt from velocity to position
         x[:2] += dt * x[2:]
         P[:2] += dt * P[2:]
         P[:, :2] += dt * P[:, 2:]
-        grown = max(0.0, dt)
-        P += self.settings.accel_density * (
-            grown * ACCELERATED[0] + grown**2 * ACCELERATED[1] + grown**3 * ACCELERATED[2]
-        )
+        P += _accelerated(self.settings.accel_density, max(0.0, dt))
         return x, P
 
     def _measure(
@@ -251,6 +246,7 @@ class Ranging:
         sight: float | None = None,
     ) -> None:
         """Take a line of sight in `odom`, and a distance along it."""
+        self._foreseen_at = nan
         if stamp > self._stamp:
             self._x, self._P = self._predicted(stamp)
             self._stamp = stamp
@@ -278,3 +274,9 @@ class Ranging:
         self._P = self._P - np.outer(K, PH)
         self._P = 0.5 * (self._P + self._P.T)
         return True
+
+
+def _accelerated(density: float, t: float) -> Array:
+    """Q (4, 4) of a white noise of the acceleration after `t` seconds."""
+    v, vp, p = density * t, density * (t**2 / 2), density * (t**3 * (1 / 3))
+    return np.array([[p, 0, vp, 0], [0, p, 0, vp], [vp, 0, v, 0], [0, vp, 0, v]])

@@ -23,6 +23,7 @@ from followerd.perception.window import SIDE, Window
 CELLS = SIDE // CELL
 GRID = np.arange(SIDE) + 0.5
 MIDDLE = np.array([[0.5 * SIDE, 0.5 * SIDE]])
+AROUND = np.ones((5, 5), np.uint8)  # cells in which a peak is the highest
 MEMORY = 1.3  # s, of both cues
 SLOW_MEMORY = 20.0  # s, of the template that vouches for the identity
 OUTSTANDING = 8.0  # standard deviations that its answer stands out by, as a rule
@@ -114,12 +115,12 @@ class Appearance:
         """Window points (M, 2) of the best answers, best first."""
         if view.answers is None:
             return np.empty((0, 2))
-        highest = cv2.dilate(view.answers, np.ones((5, 5), np.uint8))
-        rows, columns = np.nonzero(
-            (view.answers == highest) & (view.answers > 0.3 * self._full_answer)
-        )
-        order = np.argsort(-view.answers[rows, columns], kind="stable")[:most]
-        return (np.column_stack([columns, rows])[order] + 0.5) * CELL
+        high = view.answers > 0.3 * self._full_answer
+        high &= view.answers == cv2.dilate(view.answers, AROUND)
+        places = np.flatnonzero(high)
+        order = (-view.answers.ravel()[places]).argsort(kind="stable")[:most]
+        rows, columns = divmod(places[order], CELLS)
+        return (np.array([columns, rows]).T + 0.5) * CELL
 
     def places(self, pixels: Pixels, size: Array, most: int) -> Array:
         """Image points (M, 2) where someone of `size` (2,) px in these colours may be."""
@@ -188,7 +189,8 @@ class Appearance:
         if weights.sum() < 0.5:
             return None
         change = np.log(np.where(known, now / self._reach, 1.0))
-        measured = float(weights @ np.clip(change, -0.3, 0.3) / weights.sum())
+        change = np.minimum(np.maximum(change, -0.3), 0.3)
+        measured = float(weights @ change / weights.sum())
         return min(max(measured, -FASTEST_GROWTH), FASTEST_GROWTH)
 
     def _relative_reach(self, view: View, point: Array) -> Array:
@@ -197,17 +199,12 @@ class Appearance:
         w, h = view.size
         ends = np.maximum(reach(view.ratio, point, w, h), 1.0)
         edge = point[[0, 1, 0, 1]] + ends * (-1.0, -1.0, 1.0, 1.0)
-        at = np.clip(edge + (-1.5, -1.5, 0.5, 0.5), 0, SIDE - 1).astype(int)
-        middle = np.clip(point, 0, SIDE - 1).astype(int)
-        seen = (
-            view.seen[middle[1], at[0]],
-            view.seen[at[1], middle[0]],
-            view.seen[middle[1], at[2]],
-            view.seen[at[3], middle[0]],
+        beyond = edge + (-1.5, -1.5, 0.5, 0.5)
+        left, top, right, bottom, x, y = (
+            int(min(max(v, 0.0), SIDE - 1)) for v in (*beyond.tolist(), *point.tolist())
         )
-        relative: Array = np.where(
-            np.array(seen) > 0.0, ends / (0.5 * np.array([w, h, w, h])), np.nan
-        )
+        seen = view.seen[(y, top, y, bottom), (left, x, right, x)]
+        relative: Array = np.where(seen > 0.0, ends / (0.5 * np.array([w, h, w, h])), np.nan)
         return relative
 
 
@@ -222,11 +219,11 @@ def _features(patch: Pixels, ratio: Map, seen: Map) -> Channels:
     Outside the image there is nothing: its border must not become part of the person.
     """
     grey = np.asarray(cv2.cvtColor(patch, cv2.COLOR_BGR2GRAY), np.uint8)
-    colour = np.float32(0.5) * gradients.pooled(ratio[None])
-    features = np.concatenate([gradients.channels(grey), colour])
+    features = gradients.channels(grey, ratio)
     if seen.min() == 0.0:
-        mask = gradients.pooled(seen[None])
+        mask = gradients.pooled(seen[None])[0]
         total = max(float(mask.sum()), 1.0)
-        features -= np.tensordot(features, mask[0], 2)[:, None, None] / np.float32(total)
+        means = features.reshape(len(features), -1) @ (mask.ravel() / np.float32(total))
+        features -= means[:, None, None]
         features *= mask
     return features

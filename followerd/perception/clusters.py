@@ -31,16 +31,15 @@ def find_clusters(scan: Scan, points: Array, settings: ClusterSettings) -> Clust
     seen, ranges = points[beams], scan.ranges[beams]
     steps = seen[1:] - seen[:-1]
     limit = settings.jump_m + settings.jump_share * np.minimum(ranges[1:], ranges[:-1])
-    jumps = np.einsum("ij,ij->i", steps, steps) > limit * limit
-    jumps |= beams[1:] - beams[:-1] > settings.max_missing_beams + 1
-    start = np.concatenate([[0], np.flatnonzero(jumps) + 1])
-    end = np.concatenate([start[1:], [beams.size]]) - 1
+    # beside a missing beam is free space
+    gap, cut = np.ones((2, beams.size + 1), np.bool_)
+    gap[1:-1] = beams[1:] - beams[:-1] > settings.max_missing_beams + 1
+    cut[1:-1] = gap[1:-1] | (np.einsum("ij,ij->i", steps, steps) > limit * limit)
+    start, end = cut[:-1].nonzero()[0], cut[1:].nonzero()[0]
     count = end - start + 1
     centre: Array = np.add.reduceat(seen, start, axis=0) / count[:, None]
     extent = seen[end] - seen[start]
     distance = np.sqrt(np.einsum("ij,ij->i", seen, seen))
-    # beside a missing beam is free space
-    gap = np.concatenate([[True], beams[1:] - beams[:-1] > settings.max_missing_beams + 1, [True]])
     before = np.where(gap[start], np.inf, ranges[start - 1])
     after = np.where(gap[end + 1], np.inf, ranges[(end + 1) % ranges.size])
     hides = settings.hidden_by_m

@@ -9,42 +9,55 @@ import numpy as np
 import numpy.typing as npt
 
 CELL = 3  # px of the window
-PLANES = 8
+PLANES = 9
 EVEN = 3.0  # grey levels of gradient below which a cell counts as even
 
 Channels = npt.NDArray[np.float32]  # (C, rows, columns)
 
 
-def channels(grey: npt.NDArray[np.uint8]) -> Channels:
-    """Cells (PLANES, H / CELL, W / CELL) of a window (H, W), free of its brightness."""
+def channels(grey: npt.NDArray[np.uint8], colour: npt.NDArray[np.float32]) -> Channels:
+    """Cells (PLANES, H / CELL, W / CELL) of a window (H, W), free of its brightness.
+
+    The last plane is half of `colour` (H, W), any score of the window's pixels.
+    """
     height, width = grey.shape
     planes = np.empty((PLANES, height, width), np.float32)
-    gx, gy, c2, s2, c4, s4, strength, level = planes
+    gx, gy, c2, s2, c4, s4, strength, level, _ = planes
     level[:] = grey
-    cv2.Sobel(level, cv2.CV_32F, 1, 0, dst=gx, ksize=1)
-    cv2.Sobel(level, cv2.CV_32F, 0, 1, dst=gy, ksize=1)
+    np.multiply(colour, np.float32(0.5), out=planes[8])
+    gx[:, 0] = gx[:, -1] = gy[0] = gy[-1] = 0.0
+    np.subtract(level[:, 2:], level[:, :-2], out=gx[:, 1:-1])
+    np.subtract(level[2:], level[:-2], out=gy[1:-1])
     # not cv2.magnitude: its last bits depend on where in memory the planes happen to lie
-    np.sqrt(gx * gx + gy * gy, out=strength)
-    inverse = 1.0 / (strength + 1e-3)
-    ux, uy = gx * inverse, gy * inverse
-    np.subtract(gx * ux, gy * uy, out=c2)
-    np.multiply(gx, 2.0 * uy, out=s2)
-    ux, uy = c2 * inverse, s2 * inverse
-    np.subtract(c2 * ux, s2 * uy, out=c4)
-    np.multiply(c2, 2.0 * uy, out=s4)
+    xx, yy = gx * gx, gy * gy
+    np.sqrt(np.add(xx, yy, out=strength), out=strength)
+    inverse = np.reciprocal(strength + np.float32(1e-3))
+    xx -= yy
+    np.multiply(xx, inverse, out=c2)
+    twice = np.float32(2.0) * inverse
+    np.multiply(np.multiply(gx, gy, out=s2), twice, out=s2)
+    np.multiply(c2, c2, out=xx)
+    xx -= np.multiply(s2, s2, out=yy)
+    np.multiply(xx, inverse, out=c4)
+    np.multiply(np.multiply(c2, s2, out=s4), twice, out=s4)
     cells = pooled(planes)
     energy = cv2.blur(cells[6], (5, 5))
-    cells[:7] /= energy + EVEN
+    energy += EVEN
+    cells[:7] /= energy
     cells[6] -= 1.0
     mean, deviation = (float(v.ravel()[0]) for v in cv2.meanStdDev(cells[7]))
-    cells[7] = (cells[7] - mean) * (0.5 / (deviation + 5.0))
+    cells[7] -= mean
+    cells[7] *= 0.5 / (deviation + 5.0)
     return cells
 
 
 def pooled(planes: npt.NDArray[np.float32]) -> Channels:
     """Means of planes (C, H, W) in cells (C, H / CELL, W / CELL)."""
     count, height, width = planes.shape
-    tall = planes.reshape(count * height, width)  # one call for all planes
-    size = (width // CELL, count * height // CELL)
-    cells = np.asarray(cv2.resize(tall, size, interpolation=cv2.INTER_AREA), np.float32)
-    return cells.reshape(count, height // CELL, width // CELL)
+    flat = planes.reshape(count, height // CELL, CELL, width)
+    low = flat[:, :, 0] + flat[:, :, 1]  # the rows first: they lie together in memory
+    low += flat[:, :, 2]
+    cells = low[:, :, ::CELL] + low[:, :, 1::CELL]
+    cells += low[:, :, 2::CELL]
+    cells *= np.float32(1.0 / CELL**2)
+    return cells

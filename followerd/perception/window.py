@@ -1,6 +1,7 @@
 """A square window of the image, brought to a size in which the person is always as large."""
 
 from dataclasses import dataclass
+from math import ceil, floor, sqrt
 
 import cv2
 import numpy as np
@@ -25,9 +26,10 @@ class Window:
     @classmethod
     def around(cls, box: Array, frame: tuple[int, int]) -> "Window":
         """The window centred on a box (4,) x y w h."""
-        scale = float(np.sqrt(box[2] * box[3])) / BODY
+        x, y, w, h = box.tolist()
+        scale = sqrt(w * h) / BODY
         half = 0.5 * SIDE * scale
-        return cls(float(box[0]) - half, float(box[1]) - half, scale, frame)
+        return cls(x - half, y - half, scale, frame)
 
     def cut(self, pixels: Pixels) -> Pixels:
         """The window (SIDE, SIDE, …) of an image; the image's border is repeated outside."""
@@ -56,19 +58,22 @@ class Window:
         """Corner and pixels of the part of the image under the window, at least 16 px a side."""
         height, width = pixels.shape[:2]
         reach = SIDE * self.scale
-        x = int(np.clip(self.left, 0, width - 16))
-        y = int(np.clip(self.top, 0, height - 16))
-        right = int(np.clip(self.left + reach + 1, x + 16, width))
-        bottom = int(np.clip(self.top + reach + 1, y + 16, height))
+        x = int(min(max(self.left, 0), width - 16))
+        y = int(min(max(self.top, 0), height - 16))
+        right = int(min(max(self.left + reach + 1, x + 16), width))
+        bottom = int(min(max(self.top + reach + 1, y + 16), height))
         return x, y, pixels[y:bottom, x:right]
 
     def inside(self) -> npt.NDArray[np.float32]:
         """(SIDE, SIDE): 1 where the window lies in the image, else 0."""
-        steps = self.scale * (np.arange(SIDE) + 0.5)
-        x, y = self.left + steps, self.top + steps
-        columns = ((x > 0.0) & (x < self.frame[0])).astype(np.float32)
-        rows = ((y > 0.0) & (y < self.frame[1])).astype(np.float32)
-        return np.outer(rows, columns)
+        seen = np.zeros((SIDE, SIDE), np.float32)
+        seen[self._covered(self.top, self.frame[1]), self._covered(self.left, self.frame[0])] = 1.0
+        return seen
+
+    def _covered(self, start: float, length: int) -> slice:
+        """The rows or columns whose middle lies between 0 and `length` px of the image."""
+        first = max(floor(-start / self.scale - 0.5) + 1, 0)
+        return slice(first, max(min(ceil((length - start) / self.scale - 0.5), SIDE), first))
 
     def to_window(self, points: Array) -> Array:
         """Image points (N, 2) in window px."""

@@ -65,7 +65,7 @@ class Hpf:
         self._flow = EgoFlow()
         self._seen = True
         self._ranger = Ranger()
-        self._velocity: Array | None = None  # m/s, in `odom`
+        self._velocity: tuple[float, float] | None = None  # m/s, in `odom`
 
     def enrol(
         self, image: Image, region: Box | tuple[float, float], ego: Pose2 | None
@@ -162,11 +162,11 @@ class Hpf:
             sighting.confidence,
             image.id,
             box=_visible(box, *image.pixels.shape[1::-1]),
-            bearing=camera.bearing(box[0] - 0.5),
+            bearing=camera.bearing(float(box[0]) - 0.5),
             range=ground.range if ground else None,
             range_sigma=ground.sigma if ground else None,
             position=position,
-            velocity=None if moving is None else (float(moving[0]), float(moving[1])),
+            velocity=moving,
             candidates=sighting.candidates,
             particles=hybrid.particles[:, :2],
         )
@@ -180,17 +180,18 @@ class Hpf:
         in_base = ground_velocity(image.camera, hybrid.box(), mean)
         if in_base is None:
             return
-        now = Pose2(theta=ego.theta).apply(np.array([in_base]))[0]
-        if self._velocity is None:
-            self._velocity = np.zeros(2)
-        self._velocity = self._velocity + (1.0 - exp(-dt / VELOCITY_MEMORY)) * (
-            np.minimum(np.maximum(now, -3.0), 3.0) - self._velocity
+        now = Pose2(theta=ego.theta).apply_point(*in_base)
+        vx, vy = self._velocity or (0.0, 0.0)
+        share = 1.0 - exp(-dt / VELOCITY_MEMORY)
+        self._velocity = (
+            vx + share * (min(max(now[0], -3.0), 3.0) - vx),
+            vy + share * (min(max(now[1], -3.0), 3.0) - vy),
         )
 
 
 def _visible(box: Array, width: int, height: int) -> Box:
     """The part of a box (4,) inside the image; at least a pixel at its border."""
-    x, y, w, h = (float(v) for v in box)
+    x, y, w, h = box.tolist()
     left = min(max(x - 0.5 * w, 0.0), width - 1.0)
     top = min(max(y - 0.5 * h, 0.0), height - 1.0)
     right, bottom = min(x + 0.5 * w, float(width)), min(y + 0.5 * h, float(height))

@@ -83,14 +83,17 @@ class DefaultProfile:
         self._expected = None
         if place is not None:
             x, y = place.distance * cos(place.bearing), place.distance * sin(place.bearing)
-            column, row, depth = camera.project(np.array([[x, y, 0.0]]))[0].tolist()
+            x, y, z = x - camera.x, y - camera.y, -camera.z
+            right, down, depth = (a * x + b * y + c * z for a, b, c in camera.axes.tolist())
             if depth > 0.0:
+                column = camera.cx + camera.fx * right / depth
+                row = camera.cy + camera.fy * down / depth
                 self._expected = Expected(column + 0.5, row + 0.5, place.distance)
 
     def look(self, image: Image, hybrid: HybridFilter, dt: float) -> Sighting:
         """One image; `hybrid` was predicted to it `dt` seconds on."""
         box = hybrid.box()
-        box[:2] = hybrid.particles[:, :2].mean(axis=0)
+        box[:2] = hybrid.weights @ hybrid.particles[:, :2]
         hybrid.noise = NOISE.scaled(sqrt(box[2] * box[3]) / BODY_PX)
         if not LEAST_SIZE < sqrt(box[2] * box[3]) / self._enrolled < LARGEST_SIZE:
             self._looks = [0.0, 0.0]  # the size has run away: nobody is there
@@ -118,7 +121,8 @@ class DefaultProfile:
             hybrid.coast(dt)
             if self._unsure > SEARCH_AFTER:
                 self._search(image, hybrid)
-        candidates = tuple(Box.around(*p, *hybrid.size[:2]) for p in peaks)
+        w, h = hybrid.size[:2].tolist()
+        candidates = tuple(Box.around(x, y, w, h) for x, y in peaks.tolist())
         return Sighting(self._phase(hybrid, image), self._confidence(), candidates)
 
     def _compare(self, view: View, place: Array) -> tuple[float, float]:
@@ -133,15 +137,15 @@ class DefaultProfile:
     def _weigh(self, hybrid: HybridFilter, view: View) -> None:
         """The likelihood of every particle, in place of eq. 14."""
         at = view.window.to_window(hybrid.particles[:, :2])
-        logs = COLOUR_TRUST * np.clip(self._appearance.colour(view, at), -1.0, 1.5)
+        logs = np.minimum(np.maximum(self._appearance.colour(view, at), -1.0), 1.5)
+        logs *= COLOUR_TRUST
         answers = self._appearance.answer(view, at)
         if answers is not None:
             logs += ANSWER_TRUST * answers
         if self._expected is not None:
             column, row = self._middle(self._expected, hybrid)
-            off = np.square((hybrid.particles[:, 0] - column) / (ASIDE * hybrid.size[0]))
-            off += np.square((hybrid.particles[:, 1] - row) / (ABOVE * hybrid.size[1]))
-            logs -= 0.5 * np.minimum(off, FAR_OFF)
+            off = (hybrid.particles[:, :2] - (column, row)) / (hybrid.size[:2] * (ASIDE, ABOVE))
+            logs -= 0.5 * np.minimum((off * off).sum(axis=1), FAR_OFF)
         hybrid.update_soft(logs, self._estimator)
 
     def _learn(self, hybrid: HybridFilter, view: View, place: Array, dt: float) -> None:

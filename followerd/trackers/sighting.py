@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from math import hypot
 
-import numpy as np
-
 from followerd.geometry import Array, Camera
 from followerd.messages import Box, TrackPhase
 
@@ -39,7 +37,7 @@ class Ranger:
 
     def locate(self, camera: Camera, box: Array) -> Ground | None:
         """Where the person of `box` (4,) x y w h stands; None if nothing says so."""
-        x, y, w, h = box
+        x, y, w, h = box.tolist()
         scale = camera.width / 192.0
         foot = y + 0.5 * h - 0.5  # the last row of the box
         if foot < camera.height - 1 - 2.0 * scale:
@@ -91,15 +89,18 @@ def completed(camera: Camera, box: Box) -> Box:
 
 def _depth(camera: Camera, point: tuple[float, float]) -> float:
     """Depth along the optical axis of a ground point of `base`, m."""
-    depth: float = np.dot(camera.axes[2], (point[0] - camera.x, point[1] - camera.y, -camera.z))
+    ahead, left, up = camera.axes[2].tolist()
+    depth: float = ahead * (point[0] - camera.x) + left * (point[1] - camera.y) - up * camera.z
     return depth
 
 
 def ground_velocity(camera: Camera, box: Array, velocity: Array) -> tuple[float, float] | None:
     """Velocity in `base` directions, m/s, of a foot that moves with `velocity` (2,) px/s."""
-    foot = (box[0] - 0.5, box[1] + 0.5 * box[3] - 0.5)
-    here = camera.ground_point(*foot)
-    there = camera.ground_point(foot[0] + 0.01 * velocity[0], foot[1] + 0.01 * velocity[1])
+    x, y, _, h = box.tolist()
+    vx, vy = velocity.tolist()
+    column, row = x - 0.5, y + 0.5 * h - 0.5
+    here = camera.ground_point(column, row)
+    there = camera.ground_point(column + 0.01 * vx, row + 0.01 * vy)
     if here is None or there is None:
         return None
     return (there[0] - here[0]) / 0.01, (there[1] - here[1]) / 0.01

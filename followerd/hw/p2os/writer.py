@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
+from functools import lru_cache
 from math import degrees, inf, isfinite
 
 from followerd.geometry import wrap_angle
@@ -23,6 +24,8 @@ BRAKE = command(Cmd.E_STOP)
 MOTORS_OFF = command(Cmd.ENABLE, 0)
 # setpoints sent while the motors were off may wait inside the firmware: zero them
 MOTORS_ON = command(Cmd.ENABLE, 1) + command(Cmd.VEL, 0) + command(Cmd.RVEL, 0)
+
+setpoint = lru_cache(maxsize=1024)(command)  # the same few for every decision
 
 REPEAT = 0.2  # s, after which an unchanged setpoint, or an unanswered stop, is sent again
 STOPS_TO_SETTLE = 2  # a lost stop must not be taken for an obeyed one
@@ -203,8 +206,8 @@ class Writer:
         match motion:
             case Twist(v, omega) if isfinite(v) and isfinite(omega):
                 return {
-                    Channel.TRANSLATE: command(Cmd.VEL, round(1000 * _clipped(v, speed))),
-                    Channel.ROTATE: command(Cmd.RVEL, round(degrees(_clipped(omega, turn)))),
+                    Channel.TRANSLATE: setpoint(Cmd.VEL, round(1000 * _clipped(v, speed))),
+                    Channel.ROTATE: setpoint(Cmd.RVEL, round(degrees(_clipped(omega, turn)))),
                 }
             case TurnBy(angle, v) if isfinite(v) and isfinite(angle) and self._status is not None:
                 heading = round(degrees(wrap_angle(self._status.heading + angle)))
