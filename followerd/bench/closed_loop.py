@@ -50,7 +50,7 @@ class Run:
         vision, tracker = self.daemon.vision, self.config.tracker
         figures = summary(self.daemon.stats, virtual=virtual, now=now)
         return {
-            "scenario": self.config.sim.scenario if self.config.simulated else None,
+            "scenario": self.config.sim.scenario if self.truths else None,
             "tracker": "/".join(filter(None, (tracker.kind, getattr(tracker, "profile", None)))),
             "seed": self.config.seed,
             **figures,

@@ -8,14 +8,14 @@ from typing import Any
 import cv2
 from matplotlib.figure import Figure
 
-from followerd.bench.closed_loop import simulate
+from followerd.bench.closed_loop import simulate, staged
 from followerd.bench.report import Report
 from followerd.bench.rows import Row, mean_row
 from followerd.bench.sweep import sweep
 from followerd.config import load
 from followerd.runtime import logs
 
-SCENARIOS = ("corridor", "laboratory-fixate", "office", "turns")
+SCENARIOS = ("corridor", "laboratory-fixate", "static-ball", "office", "turns")
 TRACKERS = ("hpf/paper", "hpf/default")
 FIRST_SEED = 1000  # seeds below serve for tuning
 DURATION = 60.0  # s
@@ -53,7 +53,7 @@ def run(job: Job) -> dict[str, float | None]:
     logs.configure("error")
     kind, _, profile = job.tracker.partition("/")
     changes = {"sim.scenario": job.scenario, "seed": job.seed, "tracker.profile": profile}
-    return flat(simulate(load(f"{kind}-sim", changes), job.duration)["follow"])
+    return flat(simulate(staged(load(f"{kind}-sim", changes)), job.duration)["follow"])
 
 
 def flat(figures: Mapping[str, Any]) -> dict[str, float | None]:
