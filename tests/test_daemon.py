@@ -10,7 +10,7 @@ import pytest
 from followerd import app, clock
 from followerd.bench.closed_loop import simulate, staged
 from followerd.config import load
-from followerd.messages import Decision, Mode
+from followerd.messages import Command, Decision, Mode, Wish
 from followerd.runtime import logs
 from followerd.runtime.auto_operator import outline, person_ahead
 from followerd.runtime.control_socket import answer
@@ -89,7 +89,7 @@ def tell(script: Script, seconds: float = 40.0, seed: int = 3) -> list[Decision]
 
 
 def test_the_same_seed_gives_the_same_decisions_to_the_bit() -> None:
-    def run() -> tuple[dict[str, Any], list[tuple[object, ...]]]:
+    def run() -> tuple[dict[str, Any], list[tuple[float, Mode, Wish | None, Command]]]:
         decisions: list[Decision] = []
         figures = simulate(
             load("hpf-sim", {"seed": 5}),
@@ -101,7 +101,7 @@ def test_the_same_seed_gives_the_same_decisions_to_the_bit() -> None:
 
     first, second = run(), run()
     assert first == second
-    assert any(not command.stops for *_, command in first[1])  # type: ignore[attr-defined]
+    assert any(not command.stops for *_, command in first[1])
 
 
 def test_the_robot_follows_a_person_down_the_corridor() -> None:
