@@ -33,7 +33,7 @@ format: $(READY)
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-IMAGE_TESTS := $(addprefix tests/test_,appearance.py bench_film.py blobs.py camera.py colour.py \
+IMAGE_TESTS := $(addprefix tests/test_,bench_film.py blobs.py camera.py colour.py \
   hpf.py hybrid.py render.py track.py)
 
 opencv4: $(READY) ## the image code on the oldest OpenCV that is supported
