@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import atan, atan2, cos, hypot, pi, sin, tan
+from math import atan, cos, pi, sin, tan
 from typing import Any
 
 import numpy as np
@@ -139,13 +139,3 @@ class Camera:
         return np.column_stack(
             [self.cx + self.fx * q[:, 0] / safe, self.cy + self.fy * q[:, 1] / safe, depth]
         )
-
-    def range_of(self, px: float, py: float) -> float | None:
-        """Ground range in m from the robot's origin of a foot pixel; None near the horizon."""
-        point = self.ground_point(px, py)
-        return None if point is None else hypot(*point)
-
-
-def bearing_of(x: float, y: float) -> float:
-    """Bearing of a point of `base`, rad, left positive."""
-    return atan2(y, x)

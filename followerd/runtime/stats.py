@@ -2,6 +2,8 @@
 
 import os
 import resource
+from collections import deque
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from time import process_time
 
@@ -11,6 +13,7 @@ from followerd import clock
 from followerd.messages import Command, Decision, Image, Measurement, Mode, Scan
 
 LAG_PERIOD = 0.02  # s
+KEPT = 100_000  # newest figures of each kind: a daemon runs for weeks
 
 
 @dataclass(slots=True)
@@ -42,8 +45,8 @@ class Stats:
     mode: Mode = Mode.DISARMED
     mode_since: float = 0.0
     mode_times: dict[Mode, float] = field(default_factory=dict)
-    latencies: dict[str, list[float]] = field(default_factory=dict)  # cause -> s
-    lags: list[float] = field(default_factory=list)  # s
+    latencies: dict[str, deque[float]] = field(default_factory=dict)  # cause -> s
+    lags: deque[float] = field(default_factory=lambda: deque(maxlen=KEPT))  # s
     stops: list[Stop] = field(default_factory=list)
     moving: bool = False
     process_began: float = field(default_factory=process_time)
@@ -68,7 +71,9 @@ class Stats:
     def sent(self, command: Command, stamp: float) -> None:
         """Note that a command's last byte was written."""
         if command.cause_received is not None:
-            self.latencies.setdefault(command.cause, []).append(stamp - command.cause_received)
+            self.latencies.setdefault(command.cause, deque(maxlen=KEPT)).append(
+                stamp - command.cause_received
+            )
         if command.stops and self.stops and self.stops[-1].time_to_stop is None:
             self.stops[-1].time_to_stop = stamp - self.stops[-1].at
 
@@ -93,11 +98,11 @@ class Stats:
         return 100.0 * (process_time() - self.process_began) / max(elapsed, 1e-9)
 
 
-def percentiles(values: list[float], *names: str) -> dict[str, float | None]:
+def percentiles(values: Collection[float], *names: str) -> dict[str, float | None]:
     """Percentiles in ms: names such as p50, p99, max; None where nothing was measured."""
     if not values:
         return dict.fromkeys(names)
-    ms = 1000.0 * np.asarray(values)
+    ms = 1000.0 * np.fromiter(values, float, len(values))
     return {
         name: round(float(ms.max() if name == "max" else np.percentile(ms, float(name[1:]))), 3)
         for name in names

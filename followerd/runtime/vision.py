@@ -15,6 +15,7 @@ from followerd.pipeline import Tracked
 from followerd.trackers.interfaces import Tracker
 
 T = TypeVar("T")
+KEPT = 100_000  # durations; a daemon runs for weeks
 HISTORY = 45  # frames kept so that a click on a frame seen a moment ago can be honoured
 
 Seen = tuple[Image, Pose2 | None, Place | None]  # and where the person is then
@@ -43,7 +44,7 @@ class Vision:
         self._history: deque[Seen] = deque(maxlen=HISTORY)
         self._executor = ThreadPoolExecutor(1, "vision")
         self.dropped = 0
-        self.step_times: list[float] = []  # s
+        self.step_times: deque[float] = deque(maxlen=KEPT)  # s
 
     def offer(self, image: Image) -> None:
         """Take the newest frame; one that was still waiting is dropped and counted."""
@@ -79,11 +80,6 @@ class Vision:
                 image = later[0]
         self._deliver(Tracked(image.stamp, image.received, image.id, state))
         return state
-
-    async def forget(self) -> None:
-        """Drop the enrolled person."""
-        async with self._busy:
-            await self._call(self._tracker.forget)
 
     @property
     def newest(self) -> Image | None:
