@@ -66,6 +66,7 @@ class Scan:
     beam_times: Array  # (N,) s after `stamp`
     base_from_laser: Pose2
     degraded: bool = False  # the device reports pollution or a warning
+    reflection: Array | None = None  # (N,) 0..1 of the device's scale, where it tells
 
     @property
     def angles(self) -> Array:
@@ -138,6 +139,28 @@ class Sonar:
     range: float  # m
 
 
+class BatteryLevel(Enum):
+    """What the base's battery allows; the thresholds are read from the base or configured."""
+
+    UNKNOWN = "unknown"
+    GOOD = "good"
+    LOW = "low"  # say so
+    WEAK = "weak"  # go slowly
+    EMPTY = "empty"  # near the base's own shutdown: stop
+
+
+@dataclass(frozen=True, slots=True)
+class BaseInputs:
+    """What else a base was asked to report; empty or None where nothing came yet."""
+
+    encoders: tuple[int, int] | None = None  # ticks, left and right, since the base's start
+    digital_in: bytes = b""
+    digital_out: bytes = b""
+    analog: tuple[float, ...] = ()  # V
+    joystick: tuple[float, float] | None = None  # forward and left, -1..1
+    buttons: tuple[bool, bool] = (False, False)  # of the joystick
+
+
 @dataclass(frozen=True, slots=True)
 class Odometry:
     """A status report of the base."""
@@ -154,6 +177,21 @@ class Odometry:
     motors_enabled: bool = True
     stop_button: bool = False
     base_id: str = ""  # name / class / subclass
+    battery_level: BatteryLevel = BatteryLevel.UNKNOWN
+    charging: bool = False
+    gyro: float = float("nan")  # rad/s, left, mean since the last report; nan = no gyro
+    inputs: BaseInputs | None = None  # None = none asked for
+
+
+@dataclass(frozen=True, slots=True)
+class PtzState:
+    """Where a camera's pan-tilt head points."""
+
+    stamp: float  # s
+    pan: float  # rad from the head's home position, left positive
+    tilt: float  # rad, up positive
+    zoom: float  # focal length over that at wide
+    moving: bool  # turning, or about to
 
 
 class TrackPhase(Enum):
@@ -308,4 +346,4 @@ class Decision:
     refused: str = ""  # why the operator's action was refused
 
 
-Measurement = Image | Scan | Odometry
+Measurement = Image | Scan | Odometry | PtzState

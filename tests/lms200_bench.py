@@ -1,15 +1,26 @@
-"""An LMS200 twin on the bench, in a simple room."""
+"""An LMS200 twin on the bench, in a simple room; with or without its driver."""
 
-from typing import TypedDict, Unpack
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass, field
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
+import pytest
 
+from followerd import clock
+from followerd.errors import DeviceError
 from followerd.geometry import Array, Camera, Pose2
+from followerd.hw.lms200.driver import Lms200
 from followerd.hw.lms200.protocol import Acknowledgement, Event, Telegram, TelegramDecoder
 from followerd.hw.lms200.scans import ScanTelegram
+from followerd.hw.lms200.settings import Lms200Settings
 from followerd.hw.lms200.telegrams import Command, Config, Reply, reply_to, request
 from followerd.hw.lms200.variant import line_time
-from followerd.messages import Pixels
+from followerd.messages import Measurement, Pixels, Scan
+from followerd.sim.faults import Fault
+from followerd.sim.line import Line
 from followerd.sim.twins.lms200 import Lms200Twin
 
 
@@ -96,3 +107,84 @@ class Bench:
 def twin(scene: Round | None = None, **options: Unpack[TwinOptions]) -> Lms200Twin:
     """A twin in a round room of 3 m."""
     return Lms200Twin(scene or Round(), np.random.default_rng(7), Pose2(), **options)
+
+
+@dataclass
+class Rig:
+    """A driver on a line to a twin, and what came of it."""
+
+    driver: Lms200
+    line: Line
+    scans: list[Scan] = field(default_factory=list, repr=False)
+    problems: list[DeviceError] = field(default_factory=list)
+    _came: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def sink(self, measurement: Measurement) -> None:
+        assert isinstance(measurement, Scan)
+        self.scans.append(measurement)
+        self._came.set()
+
+    async def gets(self, scans: int, within: float) -> None:
+        """Wait for so many scans more, at most `within` seconds."""
+        enough = len(self.scans) + scans
+        deadline = clock.now() + within
+        while len(self.scans) < enough:
+            self._came.clear()
+            left = deadline - clock.now()
+            assert await clock.within(left, self._came.wait()), f"no {scans} scans in {within} s"
+
+    async def keep_running(self) -> None:
+        """What supervision does with a sensor."""
+        while True:
+            try:
+                await self.driver.run(self.sink)
+            except DeviceError as problem:
+                self.problems.append(problem)
+                await clock.sleep(0.5)
+
+
+@asynccontextmanager
+async def rig(device: Lms200Twin, *faults: Fault, **settings: Any) -> AsyncIterator[Rig]:
+    """A driver kept running; taking leave at the end."""
+    line = Line(device, np.random.default_rng(5), "laser", faults=faults)
+    it = Rig(Lms200(Lms200Settings(**settings), line.link), line)
+    carrying = asyncio.create_task(line.run())
+    running = asyncio.create_task(it.keep_running())
+    yield it
+    running.cancel()
+    begun = clock.now()
+    with suppress(asyncio.CancelledError):
+        await running
+    assert clock.now() - begun < 0.5, "taking leave took too long"
+    assert not carrying.done()
+    carrying.cancel()
+
+
+def fails(device: Lms200Twin, *faults: Fault, **settings: Any) -> tuple[DeviceError, float]:
+    """How one run of the driver ends by itself, and when."""
+
+    async def story() -> tuple[DeviceError, float]:
+        line = Line(device, np.random.default_rng(5), "laser", faults=faults)
+        carrying = asyncio.create_task(line.run())
+        with pytest.raises(DeviceError) as caught:
+            await Lms200(Lms200Settings(**settings), line.link).run(lambda _: None)
+        carrying.cancel()
+        return caught.value, clock.now()
+
+    return clock.run_virtual(story())
+
+
+def streams(
+    device: Lms200Twin, scans: int = 5, within: float = 4.0, begin: float = 0.0, **settings: Any
+) -> Rig:
+    """A driver, started at `begin`, that got so many scans without any problem, and took leave."""
+
+    async def story() -> Rig:
+        await clock.sleep(begin)
+        async with rig(device, **settings) as it:
+            await it.gets(scans, within)
+        return it
+
+    it = clock.run_virtual(story())
+    assert not it.problems
+    return it

@@ -1,6 +1,7 @@
-"""A robot body on an endless floor, for tests of the P2OS twin and driver."""
+"""A robot body on an endless floor and a device on its AUX port, for tests of twin and driver."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from math import inf
 
 from followerd.geometry import Pose2
 
@@ -46,3 +47,29 @@ class FloorBody:
     def sonar(self, discs: Sequence[Pose2]) -> list[float]:
         """The same from every disc."""
         return [self.echo] * len(discs)
+
+
+class AuxDevice:
+    """A device that answers at once what `reply` makes of the bytes it hears."""
+
+    def __init__(self, reply: Callable[[bytes], bytes], baud: int = 9600) -> None:
+        self.baud = baud
+        self.heard: list[tuple[float, bytes]] = []
+        self._reply = reply
+        self._out = b""
+        self._due = inf
+
+    def receive(self, data: bytes, now: float) -> None:
+        self.heard.append((now, data))
+        self._out += self._reply(data)
+        self._due = now
+
+    def step(self, now: float) -> bytes:
+        data, self._out, self._due = self._out, b"", inf
+        return data
+
+    def wake_at(self) -> float:
+        return self._due
+
+    def reboot(self, now: float) -> None:
+        self._out, self._due = b"", inf

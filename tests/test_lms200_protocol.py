@@ -10,15 +10,27 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from followerd.hw.lms200.flags import fields_of, reflection_of
 from followerd.hw.lms200.protocol import (
+    COUNT_AT,
+    LENGTHS,
     LONGEST_PAYLOAD,
     Acknowledgement,
     Event,
     Telegram,
     TelegramDecoder,
     checksum,
+    with_checksum,
 )
-from followerd.hw.lms200.scans import ScanTelegram, Unit, longest_range, ranges_of, words_of
+from followerd.hw.lms200.scans import (
+    HEADERS,
+    ScanTelegram,
+    Unit,
+    longest_range,
+    ranges_of,
+    words_of,
+)
+from followerd.hw.lms200.sweep import Sweep
 from followerd.hw.lms200.telegrams import (
     FACTORY_CONFIG,
     PASSWORD,
@@ -195,8 +207,9 @@ def test_the_checksum_is_the_manuals_shift_register(data: bytes) -> None:
 telegrams = st.builds(
     lambda address, payload: Telegram(0x80 | address, payload),
     st.integers(0, 127),
-    st.binary(min_size=2, max_size=20)
-    | st.binary(min_size=LONGEST_PAYLOAD, max_size=LONGEST_PAYLOAD),
+    st.builds(lambda data: b"\xa0" + data, st.binary(min_size=2, max_size=2))
+    | st.builds(lambda data: b"\xba" + data, st.binary(min_size=1, max_size=20))
+    | st.builds(lambda data: b"\xb0\x91\x01" + data, st.binary(min_size=805, max_size=805)),
 )
 marks = st.sampled_from(
     [
@@ -256,6 +269,71 @@ def test_a_telegram_hidden_behind_a_false_header_is_found_when_the_line_falls_si
     assert ALIVE in events
 
 
+def test_every_reply_has_its_lengths() -> None:
+    assert set(LENGTHS) == set(Reply)
+    assert max(longest for _, longest in LENGTHS.values()) == LONGEST_PAYLOAD
+    assert set(COUNT_AT) == set(HEADERS)
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"\xa0\x00\x00\x10",  # too long for what it says it is
+        b"\xa0\x10",  # too short
+        b"\x24\x00\x10",  # no reply
+        b"\xb0\x03\x40" + bytes(4) + b"\x10",  # a value is missing
+        b"\xb0\x01\x40" + bytes(4) + b"\x10" + bytes(1),  # one byte more than indices
+        b"\xb7\x01\x00\x02\x00\x03\x40" + bytes(4) + b"\x10",
+    ],
+)
+def test_a_frame_whose_length_contradicts_its_content_is_none(payload: bytes) -> None:
+    decoder = TelegramDecoder()
+    wire = Telegram(0x80, payload).to_bytes()
+    assert not any(isinstance(e, Telegram) for e in decoder.feed(wire + ALIVE.to_bytes())[:-1])
+    assert decoder.rejected_frames == 0
+
+
+def test_a_damaged_length_does_not_hold_up_what_follows() -> None:
+    wire = bytearray(scan(COUNTING[:11], Unit.MM, None).to_bytes())
+    wire[3] ^= 2  # 512 bytes more
+    assert TelegramDecoder().feed(bytes(wire) + ALIVE.to_bytes())[-1] == ALIVE
+
+
+@pytest.mark.parametrize("reply", LENGTHS)
+def test_behind_a_false_header_two_good_telegrams_are_late_at_most(reply: int) -> None:
+    """The longest frame that a false header can promise; nothing good is lost in it."""
+    longest = LENGTHS[reply][1]
+    header = bytes((2, 0x80)) + longest.to_bytes(2, "little") + bytes((reply,))
+    if reply in COUNT_AT:
+        count = (longest - LENGTHS[reply][0]) // 2
+        header += bytes(COUNT_AT[reply] - 1) + count.to_bytes(2, "little")
+    good = [scan(COUNTING[i : i + 181], Unit.MM, None) for i in range(3)]
+    decoder = TelegramDecoder()
+    first = decoder.feed(header + good[0].to_bytes()) + decoder.feed(good[1].to_bytes())
+    assert [e for e in first + decoder.feed(good[2].to_bytes()) if isinstance(e, Telegram)] == good
+
+
+def test_what_is_missing_is_known_as_soon_as_it_can_be() -> None:
+    decoder = TelegramDecoder()
+    wire = scan(COUNTING, Unit.MM, None).to_bytes()
+    assert decoder.missing == 1
+    decoder.feed(wire[:62])
+    assert decoder.missing == len(wire) - 62
+    decoder.feed(wire[62:])
+    assert decoder.missing == 1
+
+
+@given(st.sampled_from([wire for _, wire, _ in GOLDEN]), st.data())
+def test_a_telegram_damaged_on_purpose_can_be_given_its_checksum(
+    wire: bytes, data: st.DataObject
+) -> None:
+    assert with_checksum(wire) == wire
+    at = data.draw(st.integers(5, len(wire) - 1))
+    hurt = with_checksum(wire[:at] + bytes((wire[at] ^ 0x55,)) + wire[at + 1 :])
+    assert len(hurt) == len(wire)
+    assert shift_register(hurt[:-2]) == int.from_bytes(hurt[-2:], "little")
+
+
 def test_acknowledgements_stand_apart_from_telegrams() -> None:
     decoder = TelegramDecoder()
     events = decoder.feed(b"\x06" + ALIVE.to_bytes() + b"\x15")
@@ -293,7 +371,7 @@ def test_a_devices_payload_ends_with_its_status() -> None:
 
 @pytest.mark.parametrize("length", [0, LONGEST_PAYLOAD + 1])
 def test_payloads_that_no_frame_can_hold_are_refused(length: int) -> None:
-    with pytest.raises(ValueError, match="1 to 812"):
+    with pytest.raises(ValueError, match="1 to 813"):
         Telegram(0, bytes(length))
 
 
@@ -327,6 +405,7 @@ SCANS = [
     ScanTelegram(COUNTING[:100], Unit.MM, partial=True, raster=3),
     ScanTelegram(COUNTING[:181], Unit.MM, Reply.MEAN, samples=5),
     ScanTelegram(COUNTING[:50], Unit.DM, Reply.SUBRANGE, first=11, indices=(1, 2)),
+    ScanTelegram(COUNTING[:50], Unit.MM, Reply.MEAN_SUBRANGE, samples=7, first=11),
 ]
 
 
@@ -343,6 +422,7 @@ def test_the_bits_of_a_scans_count_word() -> None:
     assert partial[1:3] == bytes.fromhex("64 70")  # 01 1 10 0 0001100100
     assert SCANS[3].to_payload()[:4] == bytes.fromhex("B6 05 B5 40")
     assert SCANS[4].to_payload()[:7] == bytes.fromhex("B7 0B 00 3C 00 32 80")
+    assert SCANS[5].to_payload()[:8] == bytes.fromhex("BF 07 0B 00 3C 00 32 40")
 
 
 @pytest.mark.parametrize(
@@ -396,6 +476,32 @@ def test_a_scan_that_contradicts_itself_is_refused(payload: str) -> None:
 def test_a_value_word_by_measuring_mode(mode: int, unit: Unit, word: int, metres: float) -> None:
     (got,) = ranges_of(np.array([word], np.uint16), mode, unit)
     assert got == pytest.approx(metres, nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("mode", "word", "fields", "reflection"),
+    [
+        (0, 0xA7D4, [True, False], None),  # dazzled, in A
+        (0, 0x47D4, [False, True], None),
+        (1, 0xE7D4, [], 1.0),
+        (1, 0x27D4, [], 1 / 7),
+        (2, 0x87D4, [False, False, True], None),
+        (3, 0x87D4, [], 2 / 3),
+        (4, 0x47D4, [True, False], None),
+        (5, 0x87D4, [], 1.0),
+        (6, 0x87D4, [True], None),
+        (15, 0x87D4, [], None),
+    ],
+)
+def test_the_flags_of_a_value_word_by_measuring_mode(
+    mode: int, word: int, fields: list[bool], reflection: float | None
+) -> None:
+    words = np.array([word, 0], np.uint16)
+    assert fields_of(words, mode).tolist() == [fields, [False] * len(fields)]
+    got = reflection_of(words, mode)
+    assert (None if got is None else got.tolist()) == (
+        None if reflection is None else [pytest.approx(reflection), 0.0]
+    )
 
 
 def test_reflectivities_are_not_taken_for_ranges() -> None:
@@ -509,7 +615,7 @@ TABLE = {  # protocols/lms200.md section 4: delivered scans a second at 9600, 19
 
 @pytest.mark.parametrize("variant", VARIANTS, ids=lambda v: f"{v.field}/{v.resolution}")
 def test_scans_are_delivered_in_whole_scan_times(variant: Variant) -> None:
-    rates = [1 / variant.delivered_period(baud) for baud in (9600, 19200, 38400, 500000)]
+    rates = [1 / Sweep(variant).delivered_period(baud) for baud in (9600, 19200, 38400, 500000)]
     assert rates == pytest.approx(TABLE[variant.field, variant.resolution], rel=0.005)
 
 

@@ -11,16 +11,19 @@ import pytest
 from followerd.geometry import Array
 from followerd.hw.lms200.protocol import Acknowledgement, Telegram, TelegramDecoder
 from followerd.hw.lms200.scans import Unit, ranges_of
+from followerd.hw.lms200.sweep import Sweep
 from followerd.hw.lms200.telegrams import (
     BAUD_CODES,
     FACTORY_CONFIG,
     PASSWORD,
     Command,
     Config,
+    ErrorEntry,
     Mode,
     Reply,
     Status,
     VariantAnswer,
+    errors_of,
     reply_to,
     request,
     variant_data,
@@ -170,6 +173,8 @@ def test_a_configuration_that_it_cannot_measure_with_is_refused() -> None:
         (0x27, b"\0\0\5\0"),
         (0x27, b"\1\0\x6a\1"),
         (0x28, b""),
+        (0x28, b"\2\5\0\4\0"),
+        (0x3F, b""),
         (0x10, b""),
     ],
 )
@@ -245,10 +250,11 @@ def test_the_delivered_period_is_a_whole_number_of_scan_times(variant: Variant, 
     device = bench(scene, power_on_baud=baud)
     device.told(Command.VARIANT, variant_data(variant))
     device.set_mode(Mode.STREAM)
-    scans = device.scans(10 * variant.delivered_period(baud))
+    period = Sweep(variant).delivered_period(baud)
+    scans = device.scans(10 * period)
     assert {len(scan.words) for _, scan in scans} == {variant.count}
     periods = np.diff([when for when, _ in scans])
-    assert periods == pytest.approx(variant.delivered_period(baud), abs=1e-6)
+    assert periods == pytest.approx(period, abs=1e-6)
     assert len(scene.measured) == len(scans), "a scan that is not sent is not computed"
 
 
@@ -338,6 +344,48 @@ def test_means_come_once_in_so_many_scans() -> None:
     scans = device.scans(1.0)
     assert {(scan.reply, scan.samples) for _, scan in scans} == {(Reply.MEAN, 5)}
     assert np.diff([when for when, _ in scans]) == pytest.approx(10 * ROTATION)
+
+
+def test_means_of_a_sub_range_give_both() -> None:
+    device = bench(power_on_baud=500000)
+    assert not device.set_mode(Mode.STREAM_MEAN_SUBRANGE, b"\1\x0b\0\x3c\0")
+    assert device.set_mode(Mode.STREAM_MEAN_SUBRANGE, b"\5\x0b\0\x3c\0")
+    ((_, scan), *_) = device.scans(0.3)
+    assert (scan.reply, scan.samples, scan.first) == (Reply.MEAN_SUBRANGE, 5, 11)
+    assert len(scan.words) == 50
+
+
+def test_dazzled_beams_say_so() -> None:
+    device = bench()
+    device.twin.scanner.dazzled = (-0.1, 0.1)
+    device.set_mode(Mode.STREAM)
+    ((_, scan),) = device.scans(0.1)
+    assert set(scan.words[175:186].tolist()) == {0x1FFE}
+    assert 0x1FFE not in scan.words[:160]
+
+
+def test_its_fault_memory_is_told_and_cleared_by_a_reset() -> None:
+    device = bench()
+    device.twin.errors = (ErrorEntry(3, 24), ErrorEntry(1, 5))
+    assert errors_of(device.told(Command.ERRORS).data) == device.twin.errors
+    device.asks(request(Command.RESET))
+    assert device.told(Command.ERRORS).data == b""
+
+
+def test_a_reboot_in_mid_stream_is_silence_and_then_the_power_on_telegram() -> None:
+    device = bench(boot_time=10.0, power_on_baud=500000)
+    device.runs(11.0)
+    device.told(Command.VARIANT, variant_data(Variant(100, 100)))
+    device.set_mode(Mode.STREAM)
+    assert len(device.scans(1.0)) > 70
+    device.twin.reboot(device.now)
+    assert device.runs(5.0) == []
+    assert device.asks(request(Command.STATUS), 4.0) == []
+    ((_, event),) = device.runs(5.0)
+    assert isinstance(event, Telegram)
+    assert event.command == Reply.POWER_ON
+    report = Status.from_data(device.told(Command.STATUS).data)
+    assert (report.mode, report.variant) == (Mode.ON_REQUEST, Variant(180, 50))
 
 
 def test_a_sub_range_gives_its_values() -> None:

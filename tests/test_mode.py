@@ -15,7 +15,16 @@ from followerd.control.mode import (
     Signal,
 )
 from followerd.geometry import Pose2
-from followerd.messages import Fault, Mode, Odometry, StopReason, TrackPhase, TrackState, Twist
+from followerd.messages import (
+    BatteryLevel,
+    Fault,
+    Mode,
+    Odometry,
+    StopReason,
+    TrackPhase,
+    TrackState,
+    Twist,
+)
 from followerd.streams import STREAMS
 
 
@@ -33,6 +42,7 @@ class Story:
         self.sigma = 0.1
         self.motors = True
         self.base: dict[str, object] = {}
+        self.battery = BatteryLevel.UNKNOWN
 
     def run(self, seconds: float) -> Permission:
         for _ in range(round(seconds / 0.05)):
@@ -54,6 +64,8 @@ class Story:
             bumpers_front=2 if self.base.get("bump") else 0,
             stop_button=bool(self.base.get("stop_button")),
             motors_enabled=self.motors,
+            battery=11.3,
+            battery_level=self.battery,
         )  # fmt: skip
 
     def do(self, *actions: Action) -> str:
@@ -186,6 +198,37 @@ def test_stall_bump_and_stop_button_need_arming_again(
     assert story.do(Action.ARM) == ""
     story.run(0.5)
     assert story.mode() is Mode.FOLLOWING
+
+
+def test_a_low_battery_is_a_warning() -> None:
+    story = following()
+    story.battery = BatteryLevel.LOW
+    permission = story.run(1.0)
+    assert (permission.move, permission.max_speed) == (True, inf)
+    assert [str(reason) for reason in permission.reasons] == ["battery low (base): low, 11.3 V"]
+
+
+@pytest.mark.parametrize("phase", [TrackPhase.CONFIRMED, TrackPhase.OCCLUDED])
+def test_with_a_weak_battery_the_robot_limps(phase: TrackPhase) -> None:
+    story = following()
+    story.battery, story.phase = BatteryLevel.WEAK, phase
+    permission = story.run(1.0)
+    assert story.mode() is Mode.FOLLOWING
+    assert permission.max_speed == 0.3
+    assert StopReason.LOW_BATTERY in kinds(permission)
+    story.battery, story.phase = BatteryLevel.GOOD, TrackPhase.CONFIRMED
+    assert story.run(1.0) == Permission(True, inf)
+
+
+def test_an_empty_battery_disarms_and_refuses_arming() -> None:
+    story = following()
+    story.battery = BatteryLevel.EMPTY
+    assert kinds(story.run(0.05)) == {StopReason.LOW_BATTERY}
+    assert story.mode() is Mode.DISARMED
+    assert "battery low (base): empty, 11.3 V" in story.do(Action.ARM)
+    story.battery = BatteryLevel.GOOD
+    assert not story.run(5.0).move
+    assert story.do(Action.ARM) == ""
 
 
 def test_motors_switched_off_by_hand_disarm() -> None:

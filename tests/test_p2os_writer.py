@@ -12,6 +12,7 @@ from followerd.hw.p2os.protocol import PacketDecoder
 from followerd.hw.p2os.writer import BRAKE, BURST, HALT, MOTORS_ON, Caps, Status, Writer
 from followerd.messages import Command, TurnBy, Twist, WheelSpeeds, Wish
 
+PASSED_ON = command(Cmd.GETAUX, 6)
 CAPS = Caps(speed=0.7, turn=radians(100), vel2_step=0.02)
 STOPPING = {
     (Cmd.STOP, None),
@@ -41,7 +42,7 @@ def go(motion: Wish, now: float, lasts: float = 0.25) -> Command:
 @pytest.fixture
 def writer() -> Writer:
     """Seen standing with motors on, at 1 s."""
-    writer = Writer(CAPS, baud=9600)
+    writer = Writer(9600, CAPS)
     assert writer.due(0.0) == HALT
     assert writer.due(0.2) == HALT
     writer.note(status(0.35))
@@ -51,7 +52,7 @@ def writer() -> Writer:
 
 
 def test_a_session_begins_with_stops_until_the_robot_is_seen_standing() -> None:
-    writer = Writer(CAPS, baud=9600)
+    writer = Writer(9600, CAPS)
     assert writer.due(0.0) == HALT
     assert writer.wake_at(0.0) == pytest.approx(0.2)
     writer.note(status(0.15))  # one stop may have been lost
@@ -67,7 +68,7 @@ def test_a_session_begins_with_stops_until_the_robot_is_seen_standing() -> None:
 
 
 def test_other_commands_wait_until_the_robot_stands() -> None:
-    writer = Writer(CAPS, baud=9600)
+    writer = Writer(9600, CAPS)
     writer.ask(Cmd.CONFIG)
     writer.ask(Cmd.SETV, 700)
     assert not writer.is_idle
@@ -304,11 +305,42 @@ def test_long_traffic_is_spread_over_time(writer: Writer) -> None:
     assert times[-1] - times[0] > 3 * 90 / 480 * 0.9
 
 
+def test_what_is_passed_on_waits_for_the_gate_or_for_standstill(writer: Writer) -> None:
+    writer.drive(go(Twist(0.3, 0.0), 1.0), 1.0)
+    writer.due(1.0)
+    writer.relay(PASSED_ON)
+    assert writer.relayed_backlog == len(PASSED_ON)
+    assert writer.due(1.05) == PASSED_ON  # the gate is open
+    writer.relay(PASSED_ON)
+    writer.drive(Command(1.1), 1.1)
+    assert writer.due(1.1) == HALT
+    writer.note(status(1.2, standing=False))
+    assert writer.due(1.3) == HALT
+    writer.note(status(1.45))
+    assert writer.wake_at(1.46) == 1.46
+    assert writer.due(1.46) == PASSED_ON
+    assert writer.wake_at(1.46) == inf
+
+
+def test_setpoints_go_before_what_is_passed_on(writer: Writer) -> None:
+    for _ in range(4):
+        writer.relay(bytes(40))
+    writer.drive(go(Twist(0.3, 0.0), 1.0), 1.0)
+    first = writer.due(1.0)
+    assert first == command(Cmd.VEL, 300) + command(Cmd.RVEL, 0)  # no room for more
+    due = writer.wake_at(1.0)
+    assert 1.0 < due < 1.1
+    assert writer.due(due) == bytes(40)
+    writer.drive(go(Twist(0.4, 0.0), due), due)
+    assert writer.due(due) == command(Cmd.VEL, 400)  # some of the line was kept for it
+
+
 events = st.one_of(
     st.tuples(st.just("drive"), st.floats(-1, 1), st.floats(0.0, 0.4)),
     st.tuples(st.just("stop"), st.booleans(), st.none()),
     st.tuples(st.just("status"), st.booleans(), st.booleans()),
     st.tuples(st.just("ask"), st.none(), st.none()),
+    st.tuples(st.just("relay"), st.none(), st.none()),
     st.tuples(st.just("wait"), st.floats(0.001, 1.0), st.none()),
 )
 
@@ -317,7 +349,7 @@ events = st.one_of(
 def test_whatever_happens_nothing_but_stops_passes_a_closed_gate(
     story: list[tuple[str, float | bool | None, float | bool | None]],
 ) -> None:
-    writer, now, allowed_until = Writer(CAPS, baud=9600), 0.0, -inf
+    writer, now, allowed_until = Writer(9600, CAPS), 0.0, -inf
     for kind, first, second in story:
         now += 0.01
         match kind:
@@ -333,13 +365,16 @@ def test_whatever_happens_nothing_but_stops_passes_a_closed_gate(
                 writer.note(status(now, standing=bool(first), motors=bool(second)))
             case "ask":
                 writer.ask(Cmd.CONFIG)
+            case "relay":
+                writer.relay(PASSED_ON)
             case _:
                 now += float(first or 0)
         data = writer.due(now)
         if now >= allowed_until and not writer.is_settled:
             assert only_stops(data)
         if now >= allowed_until and writer.is_settled:
-            assert only_stops(data.replace(command(Cmd.CONFIG), b""))
+            rest = data.replace(command(Cmd.CONFIG), b"").replace(PASSED_ON, b"")
+            assert only_stops(rest)
         assert not writer.is_open or now < allowed_until
         assert writer.wake_at(now) >= now
 

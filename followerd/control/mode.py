@@ -3,7 +3,7 @@
 DISARMED -> READY -> FOLLOWING <-> HOLDING -> SEARCHING -> IDLE      FAULT, ESTOP (latched)
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from math import copysign, inf, radians
 
@@ -11,6 +11,7 @@ from pydantic import Field
 
 from followerd.control.freshness import Freshness
 from followerd.messages import (
+    BatteryLevel,
     Fault,
     Mode,
     Odometry,
@@ -45,6 +46,7 @@ class Signal(Enum):
     BREAK = "a device failed"
 
 
+_DRAINED = (BatteryLevel.LOW, BatteryLevel.WEAK)
 ARMED = frozenset({Mode.READY, Mode.FOLLOWING, Mode.HOLDING, Mode.SEARCHING, Mode.IDLE})
 
 TRANSITIONS: dict[tuple[Mode, Action | Signal], Mode] = {
@@ -89,6 +91,7 @@ class ModeSettings(Settings):
     occluded_s: float = Field(5.0, ge=0, le=5.0, description="following a prediction")
     occluded_sigma_m: float = Field(0.5, gt=0, le=0.5, description="of a prediction followed")
     occluded_speed_mps: float = Field(0.4, ge=0, le=0.4, description="following a prediction")
+    limp_speed_mps: float = Field(0.3, gt=0, le=0.3, description="while the battery is weak")
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +159,7 @@ class Modes:
             self._phase = TrackPhase.TENTATIVE
 
     def base(self, odometry: Odometry, now: float) -> None:
-        """Take a base report: stalls, bumpers, motors."""
+        """Take a base report: stalls, bumpers, motors, battery."""
         self._odometry = odometry
         if any(odometry.wheel_stall):
             self._go(Signal.BREAK, now, Reason(StopReason.WHEEL_STALL, "base"))
@@ -167,6 +170,8 @@ class Modes:
         late = self.mode is not Mode.READY or now - self._since > self.settings.motors_on_within_s
         if late and not odometry.motors_enabled:
             self._go(Signal.RELEASE, now, Reason(StopReason.MOTORS_OFF, "base"))
+        if odometry.battery_level is BatteryLevel.EMPTY:
+            self._go(Signal.RELEASE, now, _battery(odometry))
 
     def fault(self, fault: Fault, now: float) -> None:
         """Take a device's failure or its recovery; a recovery alone moves nothing."""
@@ -185,7 +190,7 @@ class Modes:
         if stale:
             return Permission(reasons=stale)
         if self.mode is Mode.FOLLOWING:
-            return self._following(now)
+            return self._as_far_as_powered(self._following(now))
         if self.mode is Mode.SEARCHING:
             gone = self._phase is TrackPhase.LOST
             turn = radians(self.settings.search_turn_degps) * self._side if gone else 0.0
@@ -229,6 +234,19 @@ class Modes:
         doubtful = Reason(StopReason.TARGET_UNSURE, "tracker", self._phase.value, full_stop=False)
         return Permission(True, s.occluded_speed_mps, 0.0, (doubtful,))
 
+    def _as_far_as_powered(self, permission: Permission) -> Permission:
+        """A low battery is a warning, a weak one makes the robot limp."""
+        odometry = self._odometry
+        if odometry is None or odometry.battery_level not in _DRAINED:
+            return permission
+        weak = odometry.battery_level is BatteryLevel.WEAK
+        limit = self.settings.limp_speed_mps if weak else inf
+        return replace(
+            permission,
+            max_speed=min(permission.max_speed, limit),
+            reasons=(*permission.reasons, replace(_battery(odometry), full_stop=False)),
+        )
+
     def _standing(self, now: float) -> tuple[Reason, ...]:
         """Why the robot stands in a mode that does not move."""
         if self.mode is Mode.ESTOP:
@@ -256,6 +274,8 @@ class Modes:
             reasons.append(Reason(StopReason.START_UP))
         if self._odometry is not None and self._odometry.stop_button:
             reasons.append(Reason(StopReason.STOP_BUTTON, "base"))
+        if self._odometry is not None and self._odometry.battery_level is BatteryLevel.EMPTY:
+            reasons.append(_battery(self._odometry))
         if not self.enrolled:
             reasons.append(Reason(StopReason.NO_TARGET))
         elif not self.confirmed:
@@ -273,3 +293,8 @@ class Modes:
         self.mode, self._since, self._why = goal, now, why
         if goal is Mode.READY:
             self._good = 0
+
+
+def _battery(odometry: Odometry) -> Reason:
+    detail = f"{odometry.battery_level.value}, {odometry.battery:.1f} V"
+    return Reason(StopReason.LOW_BATTERY, "base", detail)

@@ -5,6 +5,7 @@ from collections import deque
 from typing import Generic, TypeVar
 
 from followerd.errors import LinkLost
+from followerd.hw.stream import Received
 
 T = TypeVar("T")
 
@@ -53,3 +54,33 @@ class Inbox(Generic[T]):
     def _notify(self) -> None:
         if self._waiter is not None and not self._waiter.done():
             self._waiter.set_result(None)
+
+
+class ByteInbox(Inbox[Received]):
+    """Chunks of bytes. A reader that needs many is left asleep until they are there."""
+
+    def __init__(self, keep: int) -> None:
+        super().__init__(keep)
+        self._count = 0  # bytes that wait
+        self._needed = 1
+
+    def put(self, item: Received) -> None:
+        """Add a chunk; wake the reader when what it needs is there."""
+        if len(self._items) == self._items.maxlen:
+            self._count -= len(self._items[0].data)
+        self._items.append(item)
+        self._count += len(item.data)
+        if self._count >= self._needed:
+            self._notify()
+
+    async def take(self, at_least: int) -> Received:
+        """The oldest chunk; when there is none, waits for `at_least` bytes. Raises LinkLost."""
+        self._needed = at_least
+        item = await self.get()
+        self._count -= len(item.data)
+        return item
+
+    def clear(self) -> None:
+        """Forget what was not taken."""
+        super().clear()
+        self._count = 0

@@ -5,26 +5,26 @@ file descriptor, because pyserial hides a hang-up and its asyncio companions add
 """
 
 import asyncio
+import fcntl
 import os
 import socket
 import termios
 from contextlib import suppress
-from errno import EACCES, EAGAIN, EBUSY, ENOENT, EPERM
-from pathlib import Path
 from typing import Protocol
 from urllib.parse import urlsplit
 
 import serial
-from serial.tools import list_ports
 
 from followerd import clock
 from followerd.errors import ConfigError, LinkLost, OpenError, SetupError
-from followerd.hw.inbox import CHUNKS, Inbox
+from followerd.hw.inbox import CHUNKS, ByteInbox
+from followerd.hw.port_errors import explained
 from followerd.hw.stream import Link, Received
 
 READ_SIZE = 4096  # bytes
 OUT_QUEUE = 4096  # bytes that wait for a port before it counts as stuck
 CONNECT_TIME = 3.0  # s
+PTY_MAJORS = range(136, 144)  # Linux, admin-guide/devices.txt
 FOREIGN = (OSError, ValueError, termios.error, serial.SerialException)
 
 
@@ -62,9 +62,9 @@ class PortStream:
         self._device = device
         self._name = name
         self._port = port
-        self._inbox: Inbox[Received] = Inbox(CHUNKS)
+        self._inbox = ByteInbox(CHUNKS)
         self._queue = bytearray()
-        self._drained: asyncio.Future[None] | None = None
+        self._taken = asyncio.Event()  # the queue is empty, or the port lost
         self._loop = asyncio.get_running_loop()
         self._loop.add_reader(port.fileno(), self._on_readable)
         self._open = True
@@ -74,9 +74,9 @@ class PortStream:
         """Bytes written that the port has not taken yet."""
         return len(self._queue)
 
-    async def read(self) -> Received:
+    async def read(self, at_least: int = 1) -> Received:
         """The next bytes that came, stamped on arrival; raises LinkLost."""
-        return await self._inbox.get()
+        return await self._inbox.take(at_least)
 
     def write(self, data: bytes) -> None:
         """Hand over what the port takes, queue the rest; raises LinkLost."""
@@ -85,6 +85,7 @@ class PortStream:
             data = data[self._send(data) :]
             self._inbox.check()
             if data:
+                self._taken.clear()
                 self._loop.add_writer(self._port.fileno(), self._on_writable)
         self._queue += data
         if len(self._queue) > OUT_QUEUE:
@@ -95,8 +96,7 @@ class PortStream:
         """Wait until the port has taken everything; raises LinkLost."""
         while self._queue:
             self._inbox.check()
-            self._drained = self._loop.create_future()
-            await self._drained
+            await self._taken.wait()
         self._inbox.check()
 
     def set_baud(self, baud: int) -> None:
@@ -160,8 +160,7 @@ class PortStream:
     def _stop_writing(self) -> None:
         if self._open:
             self._loop.remove_writer(self._port.fileno())
-        if self._drained is not None and not self._drained.done():
-            self._drained.set_result(None)
+        self._taken.set()
 
 
 class TtyLink:
@@ -171,17 +170,31 @@ class TtyLink:
         self.name = path
 
     async def open(self, device: str, baud: int) -> PortStream:
-        """Open exclusively, 8N1, low latency where there is such a mode; raises OpenError."""
+        """Open exclusively, 8N1, low latency where there is such a mode; raises OpenError.
+
+        DTR, which powers a Pioneer's laser, comes up with the first opening and then stays.
+        """
         try:
             port = _Tty(self.name, baud)
         except FOREIGN as error:
-            raise _explained(device, self.name, error) from error
+            raise explained(device, self.name, error) from error
         return PortStream(device, self.name, port)
 
 
 class _Tty:
     def __init__(self, path: str, baud: int) -> None:
-        self._serial = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
+        self._serial = serial.Serial(
+            path,
+            baud,
+            timeout=0,
+            write_timeout=0,
+            inter_byte_timeout=0,  # VMIN 1: an empty read is a hang-up, never just no bytes
+            exclusive=True,  # flock, which keeps other users of pyserial out
+        )
+        with suppress(*FOREIGN):
+            _keep_dtr(self.fileno())
+        with suppress(*FOREIGN):
+            _keep_others_out(self.fileno())
         with suppress(*FOREIGN, NotImplementedError):
             self._serial.set_low_latency_mode(True)
 
@@ -194,6 +207,25 @@ class _Tty:
 
     def close(self) -> None:
         self._serial.close()
+
+
+def _keep_dtr(fd: int) -> None:
+    """Without HUPCL the last to close the port, or the kernel after a kill, leaves DTR up.
+
+    A drop would cut the laser's power, and it takes up to a minute to boot.
+    """
+    mode = termios.tcgetattr(fd)
+    mode[2] &= ~termios.HUPCL
+    termios.tcsetattr(fd, termios.TCSANOW, mode)
+
+
+def _keep_others_out(fd: int) -> None:
+    """Let nobody else open the port, whether he knows of flock or not.
+
+    Ptys are left out: they would still be barred after their user was killed.
+    """
+    if os.major(os.fstat(fd).st_rdev) not in PTY_MAJORS:
+        fcntl.ioctl(fd, termios.TIOCEXCL)
 
 
 class SocketLink:
@@ -246,37 +278,3 @@ class _Socket:
 
     def close(self) -> None:
         self._connection.close()
-
-
-def _explained(device: str, path: str, error: Exception) -> OpenError:
-    """What a person can do about a port that does not open."""
-    number = getattr(error, "errno", None)
-    if number == ENOENT:
-        ports = ", ".join(sorted(port.device for port in list_ports.comports()))
-        remedy = f"there are: {ports}" if ports else "no serial port is plugged in"
-        return OpenError(device, f"{path} does not exist", remedy)
-    if number in (EACCES, EPERM):
-        remedy = f"`sudo usermod -aG {_group(path)} $USER`, then log in again"
-        return OpenError(device, f"{path}: permission denied", remedy)
-    if number in (EAGAIN, EBUSY):
-        users = ", ".join(users_of(path))
-        return OpenError(device, f"{path} is busy", f"used by {users}" if users else "close it")
-    return OpenError(device, f"{path} is no usable serial port ({error})", "choose another link")
-
-
-def _group(path: str) -> str:
-    try:
-        return Path(path).group()
-    except (OSError, KeyError):
-        return "dialout"
-
-
-def users_of(path: str) -> list[str]:
-    """Programs that hold `path` open, as `name (pid N)`; only those we may look into."""
-    target = os.path.realpath(path)
-    users = []
-    for process in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):
-            if any(os.path.realpath(fd) == target for fd in (process / "fd").iterdir()):
-                users.append(f"{(process / 'comm').read_text().strip()} (pid {process.name})")
-    return users

@@ -14,8 +14,12 @@ class Received(NamedTuple):
 class ByteStream(Protocol):
     """An open link. `read` raises LinkLost on hang-up; writes never block the loop."""
 
-    async def read(self) -> Received:
-        """The next bytes that came (at least one), in order; never waits longer than needed."""
+    async def read(self, at_least: int = 1) -> Received:
+        """The next bytes that came (at least one), in order; never waits longer than needed.
+
+        A reader that has no use for less may ask for more bytes: as long as nothing waits for it,
+        it may be left asleep until so many came. They are still handed over chunk by chunk.
+        """
 
     def write(self, data: bytes) -> None:
         """Send what the port takes, queue the rest (bounded: LinkLost when it overflows)."""

@@ -1,4 +1,7 @@
-"""Scan telegrams B0 (whole or partial), B6 (mean), B7 (sub-range), and what a value word means."""
+"""Scan telegrams: B0 (whole or partial), B6 (mean), B7 (sub-range), BF (mean of a sub-range).
+
+And what a value word means as a range; its upper bits are in `flags`.
+"""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -9,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from followerd.geometry import Array
+from followerd.hw.lms200.protocol import COUNT_AT, COUNT_MASK
 from followerd.hw.lms200.telegrams import HEALTHY, BadTelegram, Reply
 
 Words = npt.NDArray[np.uint16]
 
-COUNT_MASK = 0x03FF
 PARTIAL = 0x2000
 RASTER_SHIFT = 11
 UNIT_SHIFT = 14
@@ -47,7 +50,12 @@ class Unit(IntEnum):
         return (0.01, 0.001, 0.1)[self]
 
 
-HEADERS = {Reply.SCAN: Struct("<"), Reply.MEAN: Struct("<B"), Reply.SUBRANGE: Struct("<HH")}
+HEADERS = {
+    Reply.SCAN: Struct("<"),
+    Reply.MEAN: Struct("<B"),
+    Reply.SUBRANGE: Struct("<HH"),
+    Reply.MEAN_SUBRANGE: Struct("<BHH"),
+}
 COUNT = Struct("<H")
 
 
@@ -72,6 +80,7 @@ class ScanTelegram:
             Reply.SCAN: (),
             Reply.MEAN: (self.samples,),
             Reply.SUBRANGE: (self.first, self.first + n - 1),
+            Reply.MEAN_SUBRANGE: (self.samples, self.first, self.first + n - 1),
         }[self.reply]
         count = n | self.raster << RASTER_SHIFT | self.partial * PARTIAL | self.unit << UNIT_SHIFT
         return b"".join(
@@ -90,26 +99,26 @@ class ScanTelegram:
         """Raises BadTelegram when it is no scan or its lengths contradict each other."""
         try:
             reply = Reply(payload[0])
-            header = HEADERS[reply]
-            fields = header.unpack_from(payload, 1)
-            (count,) = COUNT.unpack_from(payload, 1 + header.size)
+            fields = HEADERS[reply].unpack_from(payload, 1)
+            (count,) = COUNT.unpack_from(payload, COUNT_AT[reply])
             unit = Unit(count >> UNIT_SHIFT)
         except (KeyError, ValueError, error) as reason:
             raise BadTelegram(f"not a scan: {payload[:8].hex(' ')}") from reason
-        n, start = count & COUNT_MASK, 1 + header.size + COUNT.size
+        n, start = count & COUNT_MASK, COUNT_AT[reply] + COUNT.size
         tail = payload[start + 2 * n : -1]
         if len(payload) < start + 2 * n + 1 or len(tail) not in (0, 2):
             raise BadTelegram(f"{n} values do not fit {len(payload)} bytes")
-        if reply is Reply.SUBRANGE and fields[1] - fields[0] + 1 != n:
-            raise BadTelegram(f"{n} values do not fit the sub-range {fields}")
+        is_subrange = reply in (Reply.SUBRANGE, Reply.MEAN_SUBRANGE)
+        if is_subrange and fields[-1] - fields[-2] + 1 != n:
+            raise BadTelegram(f"{n} values do not fit the sub-range {fields[-2:]}")
         return cls(
             words=np.frombuffer(payload, "<u2", n, start),
             unit=unit,
             reply=reply,
             partial=bool(count & PARTIAL),
             raster=count >> RASTER_SHIFT & 3,
-            samples=fields[0] if reply is Reply.MEAN else 1,
-            first=fields[0] if reply is Reply.SUBRANGE else 1,
+            samples=fields[0] if reply in (Reply.MEAN, Reply.MEAN_SUBRANGE) else 1,
+            first=fields[-2] if is_subrange else 1,
             indices=(tail[0], tail[1]) if tail else None,
             status=payload[-1],
         )

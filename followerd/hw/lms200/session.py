@@ -4,6 +4,7 @@ from collections import deque
 
 from followerd import clock
 from followerd.hw.lms200.protocol import Acknowledgement, Event, Telegram, TelegramDecoder
+from followerd.hw.lms200.sweep import Sweep
 from followerd.hw.lms200.telegrams import Command, Reply, reply_to, request
 from followerd.hw.lms200.variant import VARIANTS, line_time
 from followerd.hw.stream import ArrivalTimes, ByteStream
@@ -15,7 +16,7 @@ ANSWERED_ELSE = 1.0
 AFTER_NAK = 0.03  # s that the device wants before the request is repeated
 GAP = 0.05  # s without a byte, beyond a USB adapter's chunk, that ends a telegram
 CHUNK = 62  # bytes, of a USB adapter
-LONGEST_SCAN = max(variant.telegram_bytes for variant in VARIANTS)
+LONGEST_SCAN = max(Sweep(variant).telegram_bytes for variant in VARIANTS)
 
 
 class NoAnswer(Exception):
@@ -52,10 +53,15 @@ class Session:
         """When the telegram's first byte came, s."""
         return self._arrivals.at(telegram.offset, self.baud)
 
-    async def event(self) -> Event:
-        """The next telegram or acknowledgement; raises LinkLost."""
+    async def event(self, expected: int = 1) -> Event:
+        """The next telegram or acknowledgement; raises LinkLost.
+
+        To expect a telegram of so many bytes saves wake-ups, but what is shorter is then heard of
+        only after another read.
+        """
         while not self._events:
-            received = await self._stream.read()
+            midway = self.decoder.is_midway and expected > 1
+            received = await self._stream.read(self.decoder.missing if midway else expected)
             self._arrivals.add(received)
             self.received_at = received.stamp
             self.received_bytes += len(received.data)
@@ -97,12 +103,10 @@ class Session:
         Raises Refused, Rebooted or LinkLost.
         """
         deadline = clock.now() + patience
-        gap = GAP + line_time(CHUNK, self.baud)
         while (left := deadline - clock.now()) > 0:
-            event = await clock.within(min(left, gap), self.event())
+            event = await clock.within(min(left, self._gap), self.event())
             if event is None:
-                if clock.now() - self.received_at > gap:  # what seemed a telegram's begin was none
-                    self._events.extend(self.decoder.give_up())
+                self.give_up_if_silent()
             elif isinstance(event, Acknowledgement):
                 if or_mark and self.decoder.noise_bytes == self._noise_before:
                     return event
@@ -113,6 +117,15 @@ class Session:
             elif event.command == Reply.POWER_ON:
                 raise Rebooted
         return None
+
+    def give_up_if_silent(self) -> None:
+        """After a pause, what seemed the begin of a telegram was none; look what stands behind."""
+        if clock.now() - self.received_at > self._gap:
+            self._events.extend(self.decoder.give_up())
+
+    @property
+    def _gap(self) -> float:
+        return GAP + line_time(CHUNK, self.baud)
 
     async def set_baud(self, baud: int) -> None:
         """Change the line rate, once everything written has left."""

@@ -6,10 +6,13 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from followerd.geometry import Pose2
+from followerd.hw.lms200.sweep import Sweep
+from followerd.hw.lms200.telegrams import Mode, Reply
 from followerd.hw.lms200.variant import VARIANTS, Variant, line_time
 from followerd.settings import Settings
 
 MISSED = 2.3  # periods without a scan: two are missing, not one that is a little late
+LEAST_SECTOR = 10  # deg
 LEAST_STALE = 0.2  # s; a busy computer may hold up the fast scans of 500000 baud by more
 
 
@@ -36,6 +39,22 @@ class Lms200Settings(Settings):
     field_deg: Literal[100, 180] = 180
     resolution_deg: float = Field(0.5, description="0.25 (field of 100 degrees only), 0.5 or 1")
     unit: Literal["mm", "cm"] = Field("mm", description="mm: up to 8 m; cm: up to 80 m")
+    measuring_mode: Literal[0, 1, 2, 3, 4, 5, 6, 15] = Field(
+        0,
+        description="0 to 2: 8 m (80 m in cm), 3 and 4: 16 m, 5, 6 and 15: 32 m; 1, 3 and 5 tell"
+        " reflectors, 0 tells dazzle",
+    )
+    stream: Literal["scans", "turns", "means"] = Field(
+        "scans", description="whole scans; each turn of the mirror by itself; means of some scans"
+    )
+    mean_of: int = Field(2, ge=2, le=250, description="scans in a mean")
+    sector_deg: tuple[float, float] | None = Field(
+        None, description="send only what lies between these bearings, e.g. [-60, 60]"
+    )
+    number_scans: bool | None = Field(
+        None,
+        description="the device numbers its scans, and lost ones are counted; unset: as it is",
+    )
     mount: Mount = Mount()
 
     @model_validator(mode="after")
@@ -48,28 +67,79 @@ class Lms200Settings(Settings):
             )
         return self
 
+    @model_validator(mode="after")
+    def _has_sector(self) -> "Lms200Settings":
+        if self.sector_deg is None:
+            return self
+        right, left = self.sector_deg
+        if not -self.field_deg / 2 <= right < left <= self.field_deg / 2:
+            raise ValueError(
+                f"sector_deg: expected [right, left] within the {self.field_deg} degrees"
+            )
+        if left - right < LEAST_SECTOR:
+            raise ValueError(f"sector_deg: at least {LEAST_SECTOR} degrees")
+        if self.stream == "turns":
+            raise ValueError("sector_deg: the device sends turns whole; set `stream: scans`")
+        return self
+
     @property
     def variant(self) -> Variant:
         """Field and resolution as the device names them."""
         return Variant(self.field_deg, round(self.resolution_deg * 100))
 
+    @property
+    def sweeps(self) -> tuple[Sweep, ...]:
+        """What the telegrams of the stream hold, in turn."""
+        variant, samples = self.variant, self.mean_of if self.stream == "means" else 1
+        if self.stream == "turns":
+            return tuple(Sweep(variant, turn=turn) for turn in range(variant.rotations))
+        if self.sector_deg is None:
+            return (Sweep(variant, Reply.MEAN if samples > 1 else Reply.SCAN, samples=samples),)
+        # the device's own bearings: mounted upside down, its right is the robot's left
+        side = -1 if self.mount.upside_down else 1
+        right, left = sorted(side * degrees for degrees in self.sector_deg)
+        first, last = (
+            1 + round((degrees + self.field_deg / 2) / self.resolution_deg)
+            for degrees in (right, left)
+        )
+        reply = Reply.MEAN_SUBRANGE if samples > 1 else Reply.SUBRANGE
+        return (Sweep(variant, reply, samples=samples, first=first, last=last),)
+
+    @property
+    def stream_mode(self) -> bytes:
+        """The operating mode that streams them, with its parameters."""
+        if self.stream == "turns":
+            return bytes((Mode.STREAM_PARTIAL,))
+        (sweep,) = self.sweeps
+        numbers = sweep.first.to_bytes(2, "little") + (sweep.last or 0).to_bytes(2, "little")
+        match sweep.reply:
+            case Reply.MEAN:
+                return bytes((Mode.STREAM_MEAN, sweep.samples))
+            case Reply.SUBRANGE:
+                return bytes((Mode.STREAM_SUBRANGE,)) + numbers
+            case Reply.MEAN_SUBRANGE:
+                return bytes((Mode.STREAM_MEAN_SUBRANGE, sweep.samples)) + numbers
+            case _:
+                return bytes((Mode.STREAM,))
+
 
 def oldest(settings: Lms200Settings) -> float:
     """Age in s of a scan's first beam when the next scan is complete: what a stop reckons."""
-    variant = settings.variant
-    return variant.age + _on_the_line(settings) + variant.delivered_period(settings.baud)
+    return _age_when_complete(settings) + delivered_period(settings)
 
 
 def stale_after(settings: Lms200Settings) -> float:
     """Age in s of the first beam at which two scans in a row are missing."""
     missed = MISSED * delivered_period(settings)
-    return max(settings.variant.age + _on_the_line(settings) + missed, LEAST_STALE)
-
-
-def _on_the_line(settings: Lms200Settings) -> float:
-    return line_time(settings.variant.telegram_bytes, settings.baud)
+    return max(_age_when_complete(settings) + missed, LEAST_STALE)
 
 
 def delivered_period(settings: Lms200Settings) -> float:
     """Seconds between the scans that arrive, whatever the mirror measures meanwhile."""
-    return settings.variant.delivered_period(settings.baud)
+    return settings.sweeps[0].delivered_period(settings.baud)
+
+
+def _age_when_complete(settings: Lms200Settings) -> float:
+    sweep = settings.sweeps[0]
+    age = sweep.age - float(sweep.beam_times.min())
+    return age + line_time(sweep.telegram_bytes, settings.baud)

@@ -42,6 +42,7 @@ class Reply(IntEnum):
     ERRORS = 0xB2
     MEAN = 0xB6
     SUBRANGE = 0xB7
+    MEAN_SUBRANGE = 0xBF
     TYPE = 0xBA
     VARIANT = 0xBB
     READ_CONFIG = 0xF4
@@ -61,6 +62,7 @@ class Mode(IntEnum):
     ON_REQUEST = 0x25
     STREAM_MEAN = 0x26  # number of scans
     STREAM_SUBRANGE = 0x27  # first u16, last u16, from 1
+    STREAM_MEAN_SUBRANGE = 0x28  # number of scans, first u16, last u16
     STREAM_PARTIAL = 0x2A
 
 
@@ -77,7 +79,8 @@ BAUD_WORDS = {9600: 0x8067, 19200: 0x8033, 38400: 0x8019, 500000: 0x8001}  # in 
 
 HEALTHY = 0x10  # status byte of an LMS200 without complaint
 SEVERITY = 0x07
-WARNING, ERROR = 2, 3  # severities; 4 is fatal
+WARNING, ERROR, FATAL = 2, 3, 4  # severities
+SOURCE = 0x18  # constant in a device: 0x10 an LMS of this kind, 0x18 a special one
 IMPLAUSIBLE = 0x40
 POLLUTED = 0x80
 
@@ -149,7 +152,13 @@ def errors_of(data: bytes) -> tuple[ErrorEntry, ...]:
     return tuple(ErrorEntry(*pair) for pair in zip(data[::2], data[1::2], strict=False))
 
 
+def errors_data(entries: tuple[ErrorEntry, ...]) -> bytes:
+    """Content of Reply.ERRORS."""
+    return bytes(value for entry in entries for value in entry)
+
+
 CONFIG_BYTES = 34
+INDICES_BIT = 2  # of the availability
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +174,7 @@ class Config:
     @property
     def has_indices(self) -> bool:
         """Whether scans end with two real-time indices."""
-        return bool(self.raw[4] & 2)
+        return bool(self.raw[4] & INDICES_BIT)
 
     @property
     def measuring_mode(self) -> int:
@@ -180,6 +189,11 @@ class Config:
     def with_values(self, measuring_mode: int, unit: int) -> "Config":
         """This configuration with another measuring mode and unit."""
         return Config(self.raw[:5] + bytes((measuring_mode, unit)) + self.raw[7:])
+
+    def with_indices(self, wanted: bool) -> "Config":
+        """This configuration with or without real-time indices."""
+        availability = self.raw[4] & ~INDICES_BIT | wanted * INDICES_BIT
+        return Config(self.raw[:4] + bytes((availability,)) + self.raw[5:])
 
     def overwritten(self, leading: bytes) -> "Config":
         """This configuration with its leading bytes replaced; devices take a short one so."""

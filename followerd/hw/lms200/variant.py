@@ -6,12 +6,10 @@ each started a raster step later.
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import ceil
 
 import numpy as np
 
 from followerd.geometry import Array
-from followerd.hw.lms200.protocol import OVERHEAD
 
 ROTATION = 1 / 75  # s
 BITS_PER_BYTE = 10  # on the line: start, 8 data, stop
@@ -71,16 +69,6 @@ class Variant:
         sweep = (self.bearings + np.pi / 2) / (2 * np.pi)
         times: Array = (self.turns + sweep) * ROTATION
         return times
-
-    @property
-    def telegram_bytes(self) -> int:
-        """Length of a whole scan's telegram: command, count word, values, status, frame."""
-        return 2 * self.count + 4 + OVERHEAD
-
-    def delivered_period(self, baud: int) -> float:
-        """Seconds between streamed scans: a telegram occupies whole scan times of the mirror."""
-        scans = line_time(self.telegram_bytes, baud) / self.scan_time
-        return ceil(scans - 1e-9) * self.scan_time
 
 
 VARIANTS = tuple(

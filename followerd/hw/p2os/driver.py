@@ -9,17 +9,23 @@ from followerd import clock
 from followerd.errors import LinkLost, SetupError
 from followerd.geometry import Pose2
 from followerd.hw.interfaces import Sink
+from followerd.hw.p2os.aux_exchange import PORTS, Replies
+from followerd.hw.p2os.aux_link import AuxLink
 from followerd.hw.p2os.config import Identity
 from followerd.hw.p2os.handshake import open_servers, synchronise, take_leave
 from followerd.hw.p2os.models import MODELS, Model, find
 from followerd.hw.p2os.motors import MotorPower
 from followerd.hw.p2os.packet_stream import PacketStream
+from followerd.hw.p2os.parameters import Parameters
 from followerd.hw.p2os.session import Session
 from followerd.hw.p2os.settings import P2osSettings
 from followerd.hw.p2os.writer import HALT, Caps
 from followerd.hw.stream import Link
+from followerd.hw.vcc50i.protocol import END
+from followerd.hw.vcc50i.replies import SHORTEST, rest_of_answer
 from followerd.messages import Command
 
+CANON = Replies(SHORTEST, END, rest_of_answer)
 SWEEP = (9600, 38400, 19200, 115200, 57600)  # by how often they are met
 
 __all__ = ["P2osBase", "P2osSettings"]
@@ -42,14 +48,25 @@ class P2osBase:
         self._link = link
         self._log = structlog.get_logger().bind(device=name)
         self._motors = MotorPower()
+        self.parameters: Parameters | None = None  # of the base connected now, or last
         self._pose = Pose2()  # reached in the last session
+        self._left_at: int | None = None  # baud, of a session that was left open
         self._session: Session | None = None
 
     @property
     def caps(self) -> Caps | None:
         """What the running session never exceeds; None while not connected."""
-        session = self._session
-        return session.writer.caps if session is not None and session.is_ready else None
+        session = self._ready()
+        return None if session is None else session.writer.caps
+
+    def aux_link(self, port: int = 1, replies: Replies = CANON) -> Link:
+        """The link of a device, a Canon head by default, on AUX port 1, 2 or 3.
+
+        What is written there waits for the base's gate, and speaks one request at a time.
+        """
+        if port not in PORTS:
+            raise ValueError(f"a base has AUX ports 1 to 3, not {port}")
+        return AuxLink(self.name, port, self._ready, replies)
 
     async def run(self, sink: Sink) -> None:
         """Connect and report odometry into `sink` until cancelled."""
@@ -68,13 +85,14 @@ class P2osBase:
                     line.write(HALT)
                 else:
                     await take_leave(line)
+                    self._left_at = None
             line.close()
 
     def drive(self, command: Command) -> None:
         """Take over `command` at once; dropped while not connected."""
-        if self._session is not None and self._session.is_ready:
-            self._session.writer.drive(command, clock.now())
-            self._session.flush()
+        if (session := self._ready()) is not None:
+            session.writer.drive(command, clock.now())
+            session.flush()
 
     def enable_motors(self, on: bool) -> None:
         """Ask for motors on (once the base stands) or off (at once)."""
@@ -84,10 +102,16 @@ class P2osBase:
             self._session.tend_motors()
             self._session.flush()
 
+    def _ready(self) -> Session | None:
+        """The running session, once it takes commands."""
+        session = self._session
+        return session if session is not None and session.is_ready else None
+
     async def _converse(self, line: PacketStream, sink: Sink) -> None:
         first = self._settings.baud
         rates = [first, *(baud for baud in SWEEP if baud != first)]
-        identity = await synchronise(line, rates, self.name)
+        left_at, self._left_at = self._left_at, None
+        identity = await synchronise(line, rates, self.name, left_at)
         self._log.info("connected", robot=str(identity), baud=line.baud)
         model = self._model(identity)
         await open_servers(line, self.name)
@@ -104,9 +128,15 @@ class P2osBase:
         )
         self._session = session
         try:
-            await clock.together(session.listen(sink), session.tend(), session.set_up())
+            await clock.together(session.listen(sink), session.tend(), self._prepare(session))
         finally:
             self._pose = session.odometer.pose
+            self._left_at = line.baud
+            session.end()
+
+    async def _prepare(self, session: Session) -> None:
+        await session.set_up()
+        self.parameters = session.parameters
 
     def _model(self, identity: Identity) -> Model:
         subtype = self._settings.model or identity.subclass

@@ -23,6 +23,8 @@ ANSWER = 0.35  # s to wait for a SYNC's echo
 CLOSING = 0.4  # s until a closed session has fallen silent
 BREATH = 0.1  # s between SYNC2's answer and OPEN
 LAST_BYTES = 0.02  # s for CLOSE to cross the line before it is shut
+BITS = 10  # of a byte on the line
+IN_ADAPTER = 0.01  # s that written bytes may wait in a USB adapter
 TRIES = 6  # SYNC rounds at one line rate
 VISITS = 16  # line rates tried in all
 
@@ -35,9 +37,16 @@ class _Outcome(Enum):
     CONFUSED = "answers, but never rightly"
 
 
-async def synchronise(line: PacketStream, bauds: Sequence[int], device: str) -> Identity:
-    """Connect, trying `bauds` in turn; raises LinkLost when nobody answers."""
-    rates = deque([*bauds, *bauds])
+async def synchronise(
+    line: PacketStream, bauds: Sequence[int], device: str, left_at: int | None = None
+) -> Identity:
+    """Connect, trying `bauds` in turn, the most likely flash rate first.
+
+    Before them comes `left_at`, if a session was left open there. Raises LinkLost when nobody
+    answers.
+    """
+    rates = deque([*bauds, *bauds] if left_at is None else [left_at, *bauds, *bauds])
+    await _halt_at(line, [baud for baud in bauds if baud != rates[0]])
     problem = _Outcome.SILENT
     for _ in range(VISITS):
         if not rates:
@@ -56,6 +65,15 @@ async def synchronise(line: PacketStream, bauds: Sequence[int], device: str) -> 
         f"no robot at {', '.join(map(str, bauds))} baud: {problem.value}",
         "switch the robot on, check the cable (null modem) and that no other program drives it",
     )
+
+
+async def _halt_at(line: PacketStream, bauds: Sequence[int]) -> None:
+    """Stop a robot that a dead program left driving, before it is looked for: that takes long."""
+    for baud in bauds:
+        line.set_baud(baud)
+        line.write(HALT)
+        await line.drain()
+        await clock.sleep(BITS * len(HALT) / baud + IN_ADAPTER)
 
 
 async def open_servers(line: PacketStream, device: str) -> None:
@@ -82,7 +100,7 @@ async def _synchronise_here(line: PacketStream) -> Identity | _Outcome:
     expected = silences = 0
     for _ in range(3 * TRIES):
         line.write(command(expected))
-        packet = await clock.within(ANSWER, _first(line, _SYNC_ANSWERS))
+        packet = await clock.within(ANSWER, _first(line, SYNC_ANSWERS))
         if packet is None:
             silences += 1
             if silences == 2:
@@ -105,7 +123,7 @@ async def _synchronise_here(line: PacketStream) -> Identity | _Outcome:
     return _Outcome.CONFUSED
 
 
-_SYNC_ANSWERS = frozenset({0, 1, 2, *RESET_NOTES, *SIP_TYPES})
+SYNC_ANSWERS = frozenset({0, 1, 2, *RESET_NOTES, *SIP_TYPES})
 
 
 async def _first(line: PacketStream, types: frozenset[int]) -> Packet:

@@ -17,6 +17,7 @@ ENCODERS, GYRO, IO, JOYSTICK, GRIPPER, BATTERY = 0x90, 0x98, 0xF0, 0xF8, 0xE0, 0
 SERAUX = {0xB0: 1, 0xB8: 2, 0xC8: 3}  # packet type -> AUX port
 RESET_NOTES = (0xFF, 0xFE)  # the controller lost count or was reset
 
+NOTE_MAX = 4  # bytes of a reset note's payload
 GYRO_MEAN = 512  # ADC counts at rest, nominal
 
 
@@ -181,9 +182,9 @@ class ResetNote:
         return bytes([self.type])
 
     @classmethod
-    def parse(cls, payload: bytes) -> Self:
-        """From a packet of type FF or FE."""
-        return cls(payload[0])
+    def parse(cls, payload: bytes) -> Self | None:
+        """From a short packet of type FF or FE; a long one is a damaged one of another type."""
+        return cls(payload[0]) if len(payload) <= NOTE_MAX else None
 
 
 Value = Sip | Config | Encoders | Gyro | Io | Joystick | GripperState | Battery | SerAux | ResetNote

@@ -27,6 +27,21 @@ def frame(payload: bytes) -> bytes:
     return HEADER + bytes([len(payload) + 2]) + payload + checksum(payload).to_bytes(2, "big")
 
 
+def with_checksum(packet: bytes) -> bytes:
+    """A damaged packet, or several in a row, with checksums that are right again.
+
+    What stands where a header and its count do not say so is left as it is.
+    """
+    mended, start = bytearray(packet), 0
+    while mended.startswith(HEADER, start) and start + 2 < len(mended):
+        end = start + 3 + mended[start + 2]
+        if mended[start + 2] < COUNT_MIN or end > len(mended):
+            break
+        mended[end - 2 : end] = checksum(bytes(mended[start + 3 : end - 2])).to_bytes(2, "big")
+        start = end
+    return bytes(mended)
+
+
 @dataclass(frozen=True, slots=True)
 class Packet:
     """A payload found on the line: type or command number, then data."""
@@ -62,11 +77,14 @@ class PacketDecoder:
         self._accept_damaged = accept_damaged
         self._buffer = bytearray()
         self._offset = 0  # of the buffer's first byte in the stream
+        self._seam = 0  # bytes of a packet that was incomplete when the line paused
 
     def feed(self, data: bytes) -> list[Packet]:
         """The packets completed by `data`; however the bytes are split, they are the same."""
         self._buffer += data
         packets: list[Packet] = []
+        if self._seam and not self._mend_seam():
+            return packets
         while self._align() and (end := self._end(0)) <= len(self._buffer):
             packet = self._packet(0, end)
             if packet is None:
@@ -82,7 +100,8 @@ class PacketDecoder:
         """The packets hidden by a false header, to be asked for after a pause on the line.
 
         A header whose announced bytes do not come holds back what follows it. When a whole packet
-        stands there, the header was noise. A packet that is merely late stays.
+        stands there, the header was noise. A packet that is merely late stays, unless what comes
+        next begins with a header: then its end is lost, and it must not eat the next one.
         """
         start = self._buffer.find(HEADER, 1)
         while 0 < start < len(self._buffer) - 2:
@@ -90,9 +109,24 @@ class PacketDecoder:
             if end <= len(self._buffer) and self._packet(start, end) is not None:
                 self.stats.rejected += 1
                 self._skip(start)
-                return self.feed(b"")
+                self._seam = 0
+                packets = self.feed(b"")
+                self._seam = len(self._buffer)
+                return packets
             start = self._buffer.find(HEADER, start + 1)
+        self._seam = len(self._buffer)
         return []
+
+    def _mend_seam(self) -> bool:
+        """Look at what came after the pause; False as long as it is too little to tell."""
+        after = bytes(self._buffer[self._seam : self._seam + len(HEADER)])
+        if after in (b"", HEADER[:1]):
+            return False
+        if after == HEADER:
+            self.stats.rejected += 1
+            self._skip(self._seam)
+        self._seam = 0
+        return True
 
     def _align(self) -> bool:
         """Drop what cannot begin a packet; whether a header and its count stand in front."""

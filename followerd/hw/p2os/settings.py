@@ -7,6 +7,7 @@ from pydantic import Field
 from followerd.settings import Settings
 
 Baud = Literal[9600, 19200, 38400, 57600, 115200]
+Extra = Literal["gyro", "encoders", "io", "joystick"]
 
 
 class P2osSettings(Settings):
@@ -25,3 +26,10 @@ class P2osSettings(Settings):
         1.4, gt=0, description="longest way until the firmware's watchdog stops a lost robot"
     )
     sonar: bool = Field(True, description="whether the sonar discs fire")
+    extra_packets: tuple[Extra, ...] = Field((), description="reports to ask the base for")
+    low_battery_v: float | None = Field(
+        None, gt=5, le=60, description="say so below this; default: what the base's flash says"
+    )
+    shutdown_v: float | None = Field(
+        None, gt=5, le=60, description="the base goes off here; default: what its flash says"
+    )

@@ -4,6 +4,7 @@ The firmware stops a robot that hears nothing for 2 s, keeps its setpoints, and 
 valid command of any kind. So keep-alive is earned: the gate opens for a command that the guard has
 just approved, until that command expires. While it is closed only what stops the robot is written,
 until status packets show that it stands; then, and only then, the rest (CONFIG, SETV, ENABLE 1, …).
+What is passed on to a device on an AUX port moves nothing: it may also pass while the gate is open.
 
 Pure state: time is an argument, nothing is written by itself.
 """
@@ -31,6 +32,7 @@ REPEAT = 0.2  # s, after which an unchanged setpoint, or an unanswered stop, is 
 STOPS_TO_SETTLE = 2  # a lost stop must not be taken for an obeyed one
 REACTION = 0.1  # s after a stop, from which on a status packet shows its effect
 BURST = 60  # bytes that may be sent at once
+RESERVE = 18  # bytes of them kept for setpoints when something is passed on
 FASTEST_LINE = 38400  # baud; beyond, the firmware (a command each 3 to 5 ms) is the limit
 EPSILON = 1e-9  # s
 
@@ -52,6 +54,9 @@ class Caps:
     vel2_step: float  # m/s per unit of VEL2
 
 
+NOTHING = Caps(0.0, 0.0, 1.0)
+
+
 @dataclass(frozen=True, slots=True)
 class Status:
     """What the newest status packet says, as far as writing depends on it."""
@@ -65,7 +70,7 @@ class Status:
 class Writer:
     """Decides what is written when: `due(now)`, at the latest at `wake_at(now)`."""
 
-    def __init__(self, caps: Caps, baud: int) -> None:
+    def __init__(self, baud: int, caps: Caps = NOTHING) -> None:
         self.caps = caps
         self.set_baud(baud)
         self.served: Command | None = None  # the newest command, when the last `due` completed it
@@ -81,6 +86,7 @@ class Writer:
         self._shows_from = inf  # s, from when status packets tell whether the stops were heard
         self._urgent = b""
         self._waiting: deque[bytes] = deque()
+        self._relayed: deque[bytes] = deque()
         self._status: Status | None = None
         self._tokens = float(BURST)
         self._tokens_at = -inf
@@ -99,6 +105,11 @@ class Writer:
     def is_idle(self) -> bool:
         """Whether nothing waits for the robot to stand."""
         return not self._waiting
+
+    @property
+    def relayed_backlog(self) -> int:
+        """Bytes for AUX ports that still wait."""
+        return sum(map(len, self._relayed))
 
     def set_baud(self, baud: int) -> None:
         """Stay under half of this line rate."""
@@ -123,6 +134,10 @@ class Writer:
     def ask(self, number: int, argument: int | bytes | None = None) -> None:
         """Queue any other command until the robot stands with zero setpoints."""
         self._waiting.append(command(number, argument))
+
+    def relay(self, packet: bytes) -> None:
+        """Queue commands for an AUX port until the robot may move, or is known to stand."""
+        self._relayed.append(packet)
 
     def motors_on(self) -> None:
         """Queue ENABLE 1, with zero setpoints behind it."""
@@ -155,6 +170,7 @@ class Writer:
         self._urgent = b""
         if self.is_open:
             data += self._setpoints_due(now)
+            data += self._relayed_due(len(data))
         elif self._stop_due <= now + EPSILON:
             data += self._stop
             self._stops += 1
@@ -162,7 +178,7 @@ class Writer:
                 self._shows_from = now + REACTION
             self._last_stop, self._stop_due = now, now + REPEAT
         elif self.is_settled:
-            data += self._waiting_due()
+            data += self._waiting_due() or self._relayed_due(0)
         self._tokens -= len(data)
         done = bool(data) and not (self.is_open and any(self._changed(self._wanted)))
         self.served = self._command if done else None
@@ -177,8 +193,12 @@ class Writer:
         if not self.is_open:
             if self.is_settled and self._waiting:
                 return self._affordable_at(len(self._waiting[0]), now)
+            if self.is_settled and self._relayed:
+                return self._affordable_at(len(self._relayed[0]) + RESERVE, now)
             return max(self._stop_due, now)
         due = self._open_until
+        if self._relayed:
+            due = min(due, self._affordable_at(len(self._relayed[0]) + RESERVE, now))
         for channel, data in self._wanted.items():
             wanted_at = self._wanted_at(channel, data)
             due = min(due, max(wanted_at, self._affordable_at(len(data), now)))
@@ -254,6 +274,15 @@ class Writer:
         out = b""
         while self._waiting and self._affords(len(out) + min(len(self._waiting[0]), BURST)):
             out += self._waiting.popleft()
+        return out
+
+    def _relayed_due(self, before: int) -> bytes:
+        """What may be passed on behind `before` bytes of setpoints."""
+        out = b""
+        while self._relayed and self._affords(
+            before + len(out) + min(len(self._relayed[0]) + RESERVE, BURST)
+        ):
+            out += self._relayed.popleft()
         return out
 
     def _refill(self, now: float) -> None:

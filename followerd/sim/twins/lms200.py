@@ -2,7 +2,7 @@
 
 The mirror turns from power-on; a telegram leaves when a scan is complete and the line is free, so
 that the delivered period is a whole number of scan times. Scans are computed only when they are
-sent. Not simulated: field evaluation, mean sub-ranges, commands outside `telegrams.Command`.
+sent. Not simulated: field evaluation, reflectors, commands outside `telegrams.Command`.
 """
 
 from collections import deque
@@ -15,6 +15,7 @@ import numpy as np
 from followerd.geometry import Pose2
 from followerd.hw.lms200.protocol import FROM_DEVICE, Acknowledgement, Telegram, TelegramDecoder
 from followerd.hw.lms200.scans import RANGE_BITS, Unit
+from followerd.hw.lms200.sweep import Sweep
 from followerd.hw.lms200.telegrams import (
     BAUD_CODES,
     BAUD_WORDS,
@@ -25,19 +26,21 @@ from followerd.hw.lms200.telegrams import (
     BadTelegram,
     Command,
     Config,
+    ErrorEntry,
     Mode,
     ModeResult,
     Reply,
     Status,
     VariantAnswer,
     answer,
+    errors_data,
     reply_to,
     variant_of,
 )
 from followerd.hw.lms200.variant import ROTATION, VARIANTS, line_time
 from followerd.sim.interfaces import Scene
 from followerd.sim.twins.lms200_modes import STREAMING, mode_of, sweep_of
-from followerd.sim.twins.lms200_scanner import Scanner, Sweep
+from followerd.sim.twins.lms200_scanner import Scanner
 
 FIRMWARE = b"V02.10 "
 BOOT_PROM = b"V01.27 "
@@ -75,9 +78,10 @@ class Lms200Twin:
         self.baud = power_on_baud
         self.config = config
         self.status = HEALTHY | POLLUTED * polluted
+        self.errors: tuple[ErrorEntry, ...] = ()  # in its fault memory
         self.mode = Mode.ON_REQUEST
         self.variant = VARIANTS[0]
-        self._scanner = Scanner(scene, rng, base_from_laser, upside_down=upside_down)
+        self.scanner = Scanner(scene, rng, base_from_laser, upside_down=upside_down)
         self._boot_time = boot_time
         self._power_on_baud = power_on_baud
         self._address = address
@@ -135,13 +139,17 @@ class Lms200Twin:
         return max(self._line_free, min(ready, self._scan_ready))
 
     def reboot(self, now: float) -> None:
-        """Switch off and on: what is not in EEPROM is forgotten."""
+        """Switch off and on: silent for the boot time, then the power-on telegram.
+
+        A telegram in mid-air ends where it is; what is not in EEPROM is forgotten.
+        """
         self.baud = self._power_on_baud
         self.mode = Mode.ON_REQUEST
         self.variant = VARIANTS[0]
         self._scan_ready = inf
         self._answers.clear()
         self._when_left = None
+        self._line_free = now
         self._decoder = TelegramDecoder(from_device=False)
         self._is_up = False
         self._up_at = now + self._boot_time
@@ -152,7 +160,7 @@ class Lms200Twin:
         if now + RESOLUTION < self._up_at:
             return b""
         self._is_up = True
-        self._scanner.turning_since = now
+        self.scanner.turning_since = now
         return self._send(self._answer(Reply.POWER_ON, self._type), now)
 
     def _send(self, data: bytes, start: float) -> bytes:
@@ -179,15 +187,16 @@ class Lms200Twin:
     def _obey(self, request: Telegram, now: float) -> None:
         match request.command:
             case Command.RESET:
+                self.errors = ()
                 self._reply(request, now, b"", self.reboot)
             case Command.MODE:
                 self._change_mode(request, now)
             case Command.SCAN if request.data == b"\1" and self.mode is Mode.ON_REQUEST:
-                self._scan_ready = self._scanner.next_complete(now + self._sweep.age, self._sweep)
+                self._scan_ready = self.scanner.next_complete(now + self._sweep.age, self._sweep)
             case Command.STATUS:
                 self._reply(request, now, self._status_report.to_data())
             case Command.ERRORS:
-                self._reply(request, now, b"")
+                self._reply(request, now, errors_data(self.errors))
             case Command.TYPE:
                 self._reply(request, now, self._type)
             case Command.VARIANT:
@@ -270,17 +279,17 @@ class Lms200Twin:
     def _begin_stream(self, now: float) -> None:
         if self.mode in STREAMING:  # and was not stopped again before the answer had left
             self._sent = 0
-            self._scan_ready = self._scanner.next_complete(now + self._sweep.age, self._sweep)
+            self._scan_ready = self.scanner.next_complete(now + self._sweep.age, self._sweep)
 
     def _send_scan(self, now: float) -> bytes:
         sweep = self._sweep
         late = (now - self._scan_ready) % sweep.period
-        scan = self._scanner.measure(sweep, now - late, now, self.config, self.status, self._sent)
+        scan = self.scanner.measure(sweep, now - late, now, self.config, self.status, self._sent)
         frame = Telegram(FROM_DEVICE | self._address, scan.to_payload()).to_bytes()
         self._send(frame, now)
         self._sent += 1
         self._scan_ready = inf
         if self.mode in STREAMING:
             # lateness of the simulating computer costs no scan that the device would deliver
-            self._scan_ready = self._scanner.next_complete(self._line_free - late, self._sweep)
+            self._scan_ready = self.scanner.next_complete(self._line_free - late, self._sweep)
         return frame

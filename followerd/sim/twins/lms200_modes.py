@@ -1,16 +1,23 @@
 """The operating modes of the LMS200 twin: what they take, and what they send."""
 
+from followerd.hw.lms200.sweep import Sweep
 from followerd.hw.lms200.telegrams import PASSWORD, Mode, Reply
 from followerd.hw.lms200.variant import Variant
-from followerd.sim.twins.lms200_scanner import Sweep
 
-STREAMING = (Mode.STREAM, Mode.STREAM_MEAN, Mode.STREAM_SUBRANGE, Mode.STREAM_PARTIAL)
+STREAMING = (
+    Mode.STREAM,
+    Mode.STREAM_MEAN,
+    Mode.STREAM_SUBRANGE,
+    Mode.STREAM_MEAN_SUBRANGE,
+    Mode.STREAM_PARTIAL,
+)
 PARAMETER_BYTES = {
     Mode.INSTALLATION: len(PASSWORD),
     Mode.STREAM: 0,
     Mode.ON_REQUEST: 0,
     Mode.STREAM_MEAN: 1,
     Mode.STREAM_SUBRANGE: 4,
+    Mode.STREAM_MEAN_SUBRANGE: 5,
     Mode.STREAM_PARTIAL: 0,
 }
 
@@ -33,6 +40,11 @@ def sweep_of(mode: Mode, parameters: bytes, variant: Variant, number: int) -> Sw
         case Mode.STREAM_SUBRANGE:
             first, last = _subrange(parameters)
             return Sweep(variant, Reply.SUBRANGE, first=first, last=last)
+        case Mode.STREAM_MEAN_SUBRANGE:
+            first, last = _subrange(parameters[1:])
+            return Sweep(
+                variant, Reply.MEAN_SUBRANGE, samples=parameters[0], first=first, last=last
+            )
         case _:
             return Sweep(variant)
 
@@ -46,10 +58,15 @@ def _accepts(mode: Mode, parameters: bytes, variant: Variant) -> bool:
         case Mode.STREAM_MEAN:
             return parameters > b"\1"
         case Mode.STREAM_SUBRANGE:
-            first, last = _subrange(parameters)
-            return 1 <= first <= last <= variant.count
+            return _is_within(variant, *_subrange(parameters))
+        case Mode.STREAM_MEAN_SUBRANGE:
+            return parameters[0] > 1 and _is_within(variant, *_subrange(parameters[1:]))
         case _:
             return True
+
+
+def _is_within(variant: Variant, first: int, last: int) -> bool:
+    return 1 <= first <= last <= variant.count
 
 
 def _subrange(parameters: bytes) -> tuple[int, int]:

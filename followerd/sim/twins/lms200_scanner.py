@@ -3,15 +3,14 @@
 Error figures: its data sheet, as in protocols/lms200.md section 7.
 """
 
-from dataclasses import dataclass
 from math import ceil, exp
 
 import numpy as np
 
 from followerd.geometry import Array, Pose2
 from followerd.hw.lms200.scans import ScanTelegram, Unit, words_of
-from followerd.hw.lms200.telegrams import Config, Reply
-from followerd.hw.lms200.variant import ROTATION, Variant
+from followerd.hw.lms200.sweep import Sweep
+from followerd.hw.lms200.telegrams import Config
 from followerd.sim.interfaces import Scene
 
 SIGMA = 0.005  # m, one scan to the next
@@ -23,37 +22,6 @@ LONGEST = 20.0  # m, on surfaces of some 40 % remission
 SPOT, DIVERGENCE = 0.010, 0.0044  # m at the window, m per m
 EDGE = 0.10  # m between neighbouring beams that makes an edge
 QUARTER_DEGREE = np.radians(0.25)
-
-
-@dataclass(frozen=True, slots=True)
-class Sweep:
-    """What one scan telegram holds."""
-
-    variant: Variant
-    reply: Reply = Reply.SCAN
-    turn: int | None = None  # of a partial scan; None = all turns
-    samples: int = 1  # scans it is the mean of
-    first: int = 1  # number of the first value, from 1
-    last: int | None = None  # of the last; None = to the end
-
-    @property
-    def period(self) -> float:
-        """Seconds from one such sweep to the next."""
-        return self.samples * self.variant.scan_time
-
-    @property
-    def age(self) -> float:
-        """Seconds from the sweep's start to the first byte of its telegram."""
-        if self.turn is not None:
-            return (self.turn + 0.5) * ROTATION
-        return (self.samples - 1) * self.variant.scan_time + self.variant.age
-
-    @property
-    def chosen(self) -> slice:
-        """Its values among those of a whole scan."""
-        if self.turn is not None:
-            return slice(self.turn, None, self.variant.rotations)
-        return slice(self.first - 1, self.last)
 
 
 class Scanner:
@@ -68,6 +36,7 @@ class Scanner:
         upside_down: bool = False,
     ) -> None:
         self.turning_since = 0.0  # s
+        self.dazzled: tuple[float, float] | None = None  # rad, between which bearings
         self._scene = scene
         self._noise = RangeNoise(rng)
         self._base_from_laser = base_from_laser
@@ -82,25 +51,26 @@ class Scanner:
         self, sweep: Sweep, complete: float, now: float, config: Config, status: int, number: int
     ) -> ScanTelegram:
         """The sweep that was complete at `complete`, as telegram `number` of its stream."""
-        variant, chosen = sweep.variant, sweep.chosen
-        bearings = self._side * variant.bearings[chosen]
-        started = complete - sweep.age + (sweep.samples - 1) * variant.scan_time
-        ages = now - started - variant.beam_times[chosen]
+        bearings = self._side * sweep.bearings
+        started = complete - sweep.age
+        ages = now - started - sweep.beam_times
         self._scene.advance(now)
         true = self._scene.ranges(self._base_from_laser, bearings, ages)
         uptime = now - self.turning_since
         ranges = self._noise.added(true, bearings, uptime, sweep.samples)
+        if self.dazzled is not None:
+            ranges[(self.dazzled[0] <= bearings) & (bearings <= self.dazzled[1])] = np.nan
         unit = Unit(config.unit)
-        scan_index = round((started - self.turning_since) / variant.scan_time) & 0xFF
+        scans = round((started - self.turning_since) / sweep.variant.scan_time) + sweep.samples - 1
         return ScanTelegram(
             words_of(ranges, config.measuring_mode, unit),
             unit,
             sweep.reply,
             partial=sweep.turn is not None,
-            raster=(sweep.turn or 0) * variant.resolution // 25,
+            raster=sweep.raster,
             samples=sweep.samples,
             first=sweep.first,
-            indices=(scan_index, number & 0xFF) if config.has_indices else None,
+            indices=(scans & 0xFF, number & 0xFF) if config.has_indices else None,
             status=status,
         )
 

@@ -6,7 +6,7 @@ setpoints, and any valid command, even a PULSE, sends it on its way again. (P2OS
 manuals; where they differ or are silent, as two independent clients and a server behave.)
 """
 
-from collections.abc import Callable
+from dataclasses import replace
 from math import inf, radians
 
 import numpy as np
@@ -17,21 +17,22 @@ from followerd.hw.p2os.models import MODELS
 from followerd.hw.p2os.packets import ResetNote, SerAux
 from followerd.hw.p2os.protocol import PacketDecoder, checksum, frame
 from followerd.hw.p2os.sip import Tail
-from followerd.sim.interfaces import Body
+from followerd.sim.interfaces import Body, Twin
+from followerd.sim.twins.p2os_aux import AuxPort
 from followerd.sim.twins.p2os_chassis import TICK, Chassis
 from followerd.sim.twins.p2os_status import Status, flash_parameters
 
 EPSILON = 1e-9  # s
 HOSTBAUD_TRIAL = 0.5  # s for a valid command at a new rate, else back to the flash rate
+BOOT = 1.5  # s from power to the first answer
+COUNT_MAX = 204  # of what follows the count byte; longer commands are ignored
+TTY: dict[int, int] = {Cmd.TTY2: 1, Cmd.TTY3: 2, Cmd.TTY4: 3}  # AUX ports
+GETAUX: dict[int, int] = {Cmd.GETAUX: 1, Cmd.GETAUX2: 2, Cmd.GETAUX3: 3}
+AUXBAUD: dict[int, int] = {Cmd.AUX1BAUD: 1, Cmd.AUX2BAUD: 2, Cmd.AUX3BAUD: 3}
 MOTIONS = (
     *(Cmd.VEL, Cmd.MOVE, Cmd.RVEL, Cmd.ROTATE, Cmd.HEAD, Cmd.DHEAD, Cmd.DCHEAD, Cmd.VEL2),
     *(Cmd.STOP, Cmd.E_STOP, Cmd.QSTOP),
 )
-
-
-def _no_device(data: bytes) -> bytes:
-    """Nothing is plugged into AUX1."""
-    return data[:0]
 
 
 class P2osTwin:
@@ -49,9 +50,11 @@ class P2osTwin:
         sip_cycle: float = 0.1,  # s
         host_baud: int = 9600,  # in flash
         auto_baud: int = 2,
+        has_gyro: int = 0,
         answers_config: bool = True,
         config_checksum_is_wrong: bool = False,
-        aux_device: Callable[[bytes], bytes] = _no_device,  # what was written -> what comes back
+        aux_baud: int = 9600,  # in flash
+        queues_getaux: bool = False,  # whether a new GETAUX leaves a pending one standing
     ) -> None:
         self.faults: list[str] = []  # commands that must never be sent to a robot
         self.status = Status(body, rng, MODELS[model], tail)
@@ -62,13 +65,16 @@ class P2osTwin:
         self._sip_cycle = sip_cycle
         self._flash_baud = host_baud
         self._auto_baud = auto_baud
+        self._has_gyro = has_gyro
         self._answers_config = answers_config
         self._config_checksum_is_wrong = config_checksum_is_wrong
-        self._aux_device = aux_device
+        self._aux = {port: AuxPort(aux_baud, rng, queues_getaux) for port in (1, 2, 3)}
         self._decoder = PacketDecoder()
         self._out = bytearray()
         self._stop_button = False
         self._next_sip = inf
+        self._line_free = 0.0  # s, when everything said so far has left
+        self._awake_from = 0.0  # s, end of booting
         self._baud_trial_ends = inf
         self.is_held = False  # by the watchdog
         self.is_connected = False
@@ -79,19 +85,28 @@ class P2osTwin:
     def receive(self, data: bytes, now: float) -> None:
         """Bytes from the host."""
         self._advance(now)
+        if now < self._awake_from:
+            return
         for packet in self._decoder.feed(data):
-            self._obey(Request.parse(packet.payload))
+            if len(packet.payload) + 2 <= COUNT_MAX:
+                self._obey(Request.parse(packet.payload))
 
     def step(self, now: float) -> bytes:
         """Move on to `now`; the bytes that start to leave."""
         self._advance(now)
         if self._baud_trial_ends <= now + EPSILON:
             self.baud, self._baud_trial_ends = self._flash_baud, inf
+        for port in self._aux.values():
+            port.advance(now)
         if self._next_sip <= now + EPSILON:
-            self._next_sip = max(self._next_sip + self._sip_cycle, now + 2 * EPSILON)
-            self._out += self.status.packets(self.chassis, now, self.baud * self._sip_cycle / 10)
+            if self._line_free > now + EPSILON:
+                self._next_sip = self._line_free
+            else:
+                self._next_sip = max(self._next_sip + self._sip_cycle, now + 2 * EPSILON)
+                self._report(now)
         data = bytes(self._out)
         self._out.clear()
+        self._line_free = max(self._line_free, now) + 10 * len(data) / self.baud
         return data
 
     def wake_at(self) -> float:
@@ -100,16 +115,27 @@ class P2osTwin:
         if self._out:
             return now
         due = min(self._next_sip, self._baud_trial_ends)
+        due = min(due, *(port.wake_at() for port in self._aux.values()))
         if self.is_connected and not self.is_held:
             due = min(due, self._last_command + self._watchdog)
         return due if self.chassis.is_steady(self.is_held) else min(due, now + TICK)
 
     # What happens to the robot
 
-    def reboot(self, note: int | None = 0xFE) -> None:
-        """Power cycle or reset; `note` is the packet type with which it says so."""
+    def attach_aux(self, twin: Twin, port: int = 1) -> None:
+        """Plug a simulated device into an AUX port."""
+        self._aux[port].device = twin
+
+    def reboot(self, now: float, note: int | None = None) -> None:
+        """Power cycle or reset: all is forgotten, and for BOOT seconds it is silent and deaf.
+
+        `note` is the packet type with which a running session is told.
+        """
+        self._advance(now)
         self.drop_session()
         self.chassis.reset_odometry()
+        self._decoder = PacketDecoder()
+        self._awake_from = now + BOOT
         if note is not None:
             self._send(ResetNote(note).to_payload())
 
@@ -144,7 +170,8 @@ class P2osTwin:
         self._last_command = 0.0
         self._next_sip = inf
         self._e_stall = True
-        self._aux, self._aux_wanted = bytearray(), 0
+        for port in self._aux.values():
+            port.reset()
 
     def _obey(self, request: Request) -> None:
         if not self.is_connected:
@@ -185,7 +212,7 @@ class P2osTwin:
             case Cmd.SETO:
                 self.chassis.reset_odometry()
             case Cmd.SETV | Cmd.SETA | Cmd.SETRV | Cmd.SETRA:
-                self._set_limit(request.number, value)
+                self.chassis.motion.limits.set(request.number, value)
             case Cmd.SONAR:
                 self.status.sonar_on = bool(value & 1)
             case Cmd.POLLING:
@@ -203,21 +230,12 @@ class P2osTwin:
                 self._baud_trial_ends = self.chassis.time + HOSTBAUD_TRIAL
             case Cmd.ENCODER | Cmd.IOREQUEST | Cmd.GYRO | Cmd.JOYREQUEST:
                 self.status.streams[request.number] = value
-            case Cmd.TTY2:
-                self._aux += self._aux_device(request.string)
-                self._answer_aux()
-            case Cmd.GETAUX:
-                self._aux_wanted = value
-                if value == 0:
-                    self._aux.clear()
-                self._answer_aux()
-
-    def _answer_aux(self) -> None:
-        wanted = self._aux_wanted
-        if 0 < wanted <= len(self._aux):
-            self._send(SerAux(1, bytes(self._aux[:wanted])).to_payload())
-            del self._aux[:wanted]
-            self._aux_wanted = 0
+            case number if number in TTY:
+                self._aux[TTY[number]].write(request.string, self.chassis.time)
+            case number if number in GETAUX:
+                self._aux[GETAUX[number]].fetch(value)
+            case number if number in AUXBAUD and 0 <= value < len(BAUDS):
+                self._aux[AUXBAUD[number]].baud = BAUDS[value]
 
     # Motion
 
@@ -258,31 +276,28 @@ class P2osTwin:
             case _:
                 motion.brake()
 
-    def _set_limit(self, number: int, value: int) -> None:
-        limits = self.chassis.motion.limits
-        match number:
-            case Cmd.SETV:
-                limits.speed = min(abs(value) / 1000, limits.speed_top)
-            case Cmd.SETRV:
-                limits.turn = min(radians(abs(value)), limits.turn_top)
-            case Cmd.SETA if value > 0:
-                limits.acceleration = min(value / 1000, limits.acceleration_top)
-            case Cmd.SETA if value < 0:
-                limits.deceleration = min(-value / 1000, limits.acceleration_top)
-            case Cmd.SETRA if value > 0:
-                limits.turn_acceleration = min(radians(value), limits.turn_acceleration_top)
-            case Cmd.SETRA if value < 0:
-                limits.turn_deceleration = min(radians(-value), limits.turn_acceleration_top)
-
     # What it says
 
     def _send(self, payload: bytes) -> None:
         self._out += frame(payload)
 
+    def _report(self, now: float) -> None:
+        """One cycle's packets; what AUX devices said goes last, as far as the line carries it."""
+        capacity = self.baud * self._sip_cycle / 10
+        said = self.status.packets(self.chassis, now, capacity)
+        for number, port in self._aux.items():
+            if data := port.answer():
+                packet = frame(SerAux(number, data).to_payload())
+                if len(said) + len(packet) <= capacity:
+                    said += packet
+                    port.taken()
+        self._out += said
+
     def _send_config(self) -> None:
-        payload = flash_parameters(
+        flash = flash_parameters(
             self._identity, self._sip_cycle, self._watchdog, self._flash_baud, self._auto_baud
-        ).to_payload()
+        )
+        payload = replace(flash, has_gyro=self._has_gyro).to_payload()
         packet = frame(payload)
         if self._config_checksum_is_wrong:
             wrong = checksum(payload) ^ 0x0101

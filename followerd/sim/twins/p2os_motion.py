@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from math import copysign, inf, radians, sqrt
 
 from followerd.geometry import wrap_angle
+from followerd.hw.p2os.commands import Cmd
 
 BRAKE = 5.0  # m/s², E_STOP; the manuals say "very high"
 TURN_BRAKE = 15.0  # rad/s²
@@ -31,6 +32,22 @@ class MotionLimits:
     acceleration_top: float = 2.0  # m/s²
     turn_top: float = radians(360)  # rad/s
     turn_acceleration_top: float = radians(300)  # rad/s²
+
+    def set(self, number: int, value: int) -> None:
+        """SETV, SETA, SETRV or SETRA."""
+        match number:
+            case Cmd.SETV:
+                self.speed = min(abs(value) / 1000, self.speed_top)
+            case Cmd.SETRV:
+                self.turn = min(radians(abs(value)), self.turn_top)
+            case Cmd.SETA if value > 0:
+                self.acceleration = min(value / 1000, self.acceleration_top)
+            case Cmd.SETA if value < 0:
+                self.deceleration = min(-value / 1000, self.acceleration_top)
+            case Cmd.SETRA if value > 0:
+                self.turn_acceleration = min(radians(value), self.turn_acceleration_top)
+            case Cmd.SETRA if value < 0:
+                self.turn_deceleration = min(radians(-value), self.turn_acceleration_top)
 
 
 class MotionController:
