@@ -14,17 +14,21 @@ from followerd import clock
 from followerd.config import Config
 from followerd.control.registry import CONTROLLERS
 from followerd.errors import ConfigError
-from followerd.hw.camera.driver import open_camera
 from followerd.hw.camera.settings import CameraSettings
 from followerd.hw.camera.source import FrameSource
+from followerd.hw.camera.sources import open_camera
+from followerd.hw.interfaces import Base, PanTilt, Sensor
 from followerd.hw.lms200.settings import Lms200Settings, delivered_period, oldest, stale_after
+from followerd.hw.p2os.writer import HALT
 from followerd.hw.registry import DRIVERS
 from followerd.hw.serial import open_link
 from followerd.hw.stream import Link
+from followerd.hw.vcc50i.protocol import BAUD
 from followerd.messages import Box
 from followerd.pipeline import Pipeline, PipelineSettings
 from followerd.runtime.auto_operator import AutoOperator
 from followerd.runtime.control_socket import default_path, serve
+from followerd.runtime.cut_link import CutLink
 from followerd.runtime.daemon import Daemon
 from followerd.sim import scenarios
 from followerd.sim.faults import Fault
@@ -34,17 +38,20 @@ from followerd.trackers.registry import TRACKERS
 
 DRIVE_LAG = 0.15  # s from a command to braking wheels
 DEFAULT_TWIN = "p3dx-sh"  # what the base's twin is where the config names no model
+DEFAULT_HEAD = "vc-c50i"
+AUX = "aux"  # link of a head on the base's AUX port
 
 Attach = Callable[[Daemon], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Plugs:
-    """Where the three devices are plugged in."""
+    """Where the devices are plugged in."""
 
     base: Link
     laser: Link
     camera: FrameSource
+    ptz: Link | None = None  # None = no head, or one on the base's AUX port
 
 
 def hardware(config: Config) -> Plugs:
@@ -53,21 +60,23 @@ def hardware(config: Config) -> Plugs:
         open_link(config.base.link),
         open_link(config.laser.link),
         open_camera(config.camera.link, _camera(config)),
+        None if config.ptz is None or config.ptz.link == AUX else open_link(config.ptz.link),
     )
 
 
 def in_memory(rig: Rig) -> Plugs:
     """The twins of a rig in this process."""
-    return Plugs(rig.robot.link, rig.laser.link, rig.camera.link)
+    ptz = None if rig.ptz is None else rig.ptz.link
+    return Plugs(rig.robot.link, rig.laser.link, rig.camera.link, ptz)
 
 
 def plugged_into(config: Config, folder: Path) -> Config:
     """The config with every `sim` link replaced by what `followerd sim --links` offers there."""
-    places = {"base": "robot", "laser": "laser", "camera": "camera"}
+    places = {"base": "robot", "laser": "laser", "camera": "camera", "ptz": "ptz"}
     links = {
         role: section.model_copy(update={"link": str(folder / place)})
         for role, place in places.items()
-        if (section := getattr(config, role)).link == "sim"
+        if (section := getattr(config, role)) is not None and section.link == "sim"
     }
     return config.model_copy(update=links)
 
@@ -79,8 +88,9 @@ def build(config: Config, plugs: Plugs) -> Daemon:
     gc.set_threshold(50_000, 20, 100)
     tracker = TRACKERS.load(config.tracker.kind)(config.tracker, np.random.default_rng(config.seed))
     controller = CONTROLLERS.load(config.controller.kind)(config.controller)
+    base = DRIVERS.load(config.base.kind)(config.base, plugs.base)
     return Daemon(
-        DRIVERS.load(config.base.kind)(config.base, plugs.base),
+        base,
         [
             DRIVERS.load(config.laser.kind)(config.laser, plugs.laser),
             DRIVERS.load(config.camera.kind)(config.camera, plugs.camera),
@@ -88,7 +98,29 @@ def build(config: Config, plugs: Plugs) -> Daemon:
         tracker,
         Pipeline(pipeline_settings(config), controller),
         config.image_work_s,
+        _head(config, plugs, base),
     )
+
+
+def for_drive_check(config: Config, plugs: Plugs) -> tuple[Base, Sensor, CutLink]:
+    """Base and laser alone, and the base's link, which the check cuts once."""
+    link = CutLink(plugs.base, HALT)
+    base = DRIVERS.load(config.base.kind)(config.base, link)
+    return base, DRIVERS.load(config.laser.kind)(config.laser, plugs.laser), link
+
+
+def _head(config: Config, plugs: Plugs, base: Base) -> PanTilt | None:
+    """The camera's head, if there is one. Raises ConfigError when the base has no AUX port."""
+    if config.ptz is None:
+        return None
+    link = plugs.ptz
+    if config.ptz.link == AUX:
+        aux_link: Callable[[], Link] | None = getattr(base, "aux_link", None)
+        if aux_link is None:
+            raise ConfigError(f"ptz: a {config.base.kind} base has no AUX port; give its own link")
+        link = aux_link()
+    head: PanTilt = DRIVERS.load(config.ptz.kind)(config.ptz, link)
+    return head
 
 
 def pipeline_settings(config: Config) -> PipelineSettings:
@@ -111,8 +143,10 @@ def pipeline_settings(config: Config) -> PipelineSettings:
 
 
 def rig(config: Config, faults: Sequence[Fault] = ()) -> Rig:
-    """The simulated robot that fits a config."""
-    return Rig(scenarios.load(config.sim.scenario), equipment(config), config.seed, faults)
+    """The simulated robot that fits a config; `faults` come besides the config's own."""
+    own = [Fault.parse(text) for text in config.sim.faults]
+    scenario = scenarios.load(config.sim.scenario)
+    return Rig(scenario, equipment(config), config.seed, [*own, *faults])
 
 
 def equipment(config: Config) -> Equipment:
@@ -124,6 +158,10 @@ def equipment(config: Config) -> Equipment:
         laser.mount.upside_down,
         camera.camera,
         camera.rate_hz,
+        camera.sees,
+        getattr(config.ptz, "model", None) or DEFAULT_HEAD,
+        getattr(config.ptz, "baud", None) or BAUD,
+        config.ptz is not None and config.ptz.link == AUX,
     )
 
 
@@ -132,7 +170,8 @@ def _laser(config: Config) -> Lms200Settings:
 
 
 def _camera(config: Config) -> CameraSettings:
-    return CameraSettings.model_validate(config.camera.model_dump(exclude={"kind", "link"}))
+    kind: type[CameraSettings] = DRIVERS.load(config.camera.kind).Settings
+    return kind.model_validate(config.camera.model_dump(exclude={"kind", "link"}))
 
 
 async def live(config: Config, duration: float | None, attach: Attach) -> Daemon:

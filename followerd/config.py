@@ -3,18 +3,19 @@
 from functools import cache, reduce
 from operator import or_
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, create_model
+from pydantic import AfterValidator, Field, create_model
 
 from followerd import yaml
 from followerd.control.registry import CONTROLLERS
-from followerd.errors import ConfigError
+from followerd.errors import ConfigError, UsageError
 from followerd.hw.registry import DRIVERS
 from followerd.pipeline import PipelineSettings
 from followerd.registry import Registry
 from followerd.resources import shipped
 from followerd.settings import Settings, validate
+from followerd.sim.faults import Fault
 from followerd.trackers.registry import TRACKERS
 
 
@@ -23,7 +24,8 @@ class DeviceSection(Settings):
 
     kind: str
     link: str = Field(
-        description="/dev/ttyUSB0, socket://host:port, /dev/video0, ring:FILE, or sim for the twin"
+        description="/dev/ttyUSB0, socket://host:port, /dev/video0, ring:FILE, sim for the twin,"
+        " or aux (a pan-tilt head on the base's AUX port)"
     )
 
 
@@ -33,10 +35,21 @@ class ChoiceSection(Settings):
     kind: str
 
 
+def _a_fault(text: str) -> str:
+    try:
+        Fault.parse(text)
+    except UsageError as error:
+        raise ValueError(str(error)) from None
+    return text
+
+
 class SimSection(Settings):
     """The simulated world behind links that say `sim`."""
 
     scenario: str = Field("corridor", description="a shipped scenario or a YAML file")
+    faults: tuple[Annotated[str, AfterValidator(_a_fault)], ...] = Field(
+        (), description="of the twins, DEVICE:NAME@STARTs+LENGTHs, such as laser:garbage@10s+2s"
+    )
 
 
 class Config(Settings):
@@ -45,6 +58,9 @@ class Config(Settings):
     base: DeviceSection
     laser: DeviceSection
     camera: DeviceSection
+    ptz: DeviceSection | None = Field(
+        None, description="the pan-tilt head that turns the camera; its mount is that of its home"
+    )
     tracker: ChoiceSection
     controller: ChoiceSection
     pipeline: PipelineSettings = PipelineSettings()
@@ -67,7 +83,8 @@ class Config(Settings):
     @property
     def simulated(self) -> bool:
         """Whether any device is a twin."""
-        return "sim" in (self.base.link, self.laser.link, self.camera.link)
+        devices = (self.base, self.laser, self.camera, self.ptz)
+        return any(device is not None and device.link == "sim" for device in devices)
 
 
 @cache
@@ -77,6 +94,7 @@ def schema() -> type[Config]:
     drivers = {role: _union(DRIVERS, device, role) for role in ("base", "laser", "camera")}
     fields: dict[str, Any] = {
         **drivers,
+        "ptz": _optional(_union(DRIVERS, device, "ptz"), Config.model_fields["ptz"].description),
         "tracker": _union(TRACKERS, {}),
         "controller": _union(CONTROLLERS, {}),
     }
@@ -96,7 +114,7 @@ def load(path: str | Path, changes: dict[str, Any] | None = None) -> Config:
             for section in sections:
                 target = target.setdefault(section, {})
             target[key] = value
-    return validate(document, schema())
+    return validate(document, schema(), {"folder": find(path).parent})
 
 
 def find(path: str | Path) -> Path:
@@ -120,3 +138,10 @@ def _union(registry: Registry, extra: dict[str, Any], role: str | None = None) -
             kinds.append(create_model(base.__name__, __base__=base, __doc__=base.__doc__, **fields))
     section: Any = reduce(or_, kinds)
     return (section, ... if len(kinds) == 1 else Field(..., discriminator="kind"))
+
+
+def _optional(union: Any, description: str | None) -> Any:
+    """The same section, which may be left out."""
+    section, field = union
+    discriminator = None if field is ... else "kind"
+    return section | None, Field(None, discriminator=discriminator, description=description)

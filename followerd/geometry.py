@@ -1,6 +1,6 @@
 """Planar poses and the pinhole camera on the robot (REP-103: x forward, y left, z up; m, rad)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import atan, cos, pi, sin, tan
 from typing import Any
@@ -114,6 +114,21 @@ class Camera:
     def horizon(self) -> float:
         """Image row of the horizon, px."""
         return self.cy + self.fy * tan(self.elevation)
+
+    def turned(self, pan: float, tilt: float, zoom: float = 1.0) -> "Camera":
+        """This camera on a head turned left by `pan` and up by `tilt` (rad) about the lens.
+
+        The pan axis is upright, so that tilt adds to `elevation`; `zoom` multiplies focal lengths.
+        """
+        if pan == 0.0 and tilt == 0.0 and zoom == 1.0:
+            return self
+        return replace(
+            self,
+            fx=zoom * self.fx,
+            fy=zoom * self.fy,
+            yaw=wrap_angle(self.yaw + pan),
+            elevation=self.elevation + tilt,
+        )
 
     def bearing(self, px: float) -> float:
         """Bearing in `base` directions of image column `px` at the camera's height, rad, left +."""

@@ -1,7 +1,7 @@
 """What a driver is to the rest of the daemon."""
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from followerd.messages import Command, Measurement
 
@@ -34,3 +34,27 @@ class Base(Sensor, Protocol):
 
     def enable_motors(self, on: bool) -> None:
         """Ask for motors on (sent once the base is seen standing) or off (sent at once)."""
+
+
+class PanTilt(Sensor, Protocol):
+    """A camera's head: its sensor is where it points (PtzState); it moves only when asked.
+
+    Each call overwrites a pending one; all are dropped while not connected.
+    """
+
+    def look(self, pan: float, tilt: float) -> None:
+        """Turn to `pan` (rad, left positive) and `tilt` (rad, up positive), or as far as it goes.
+
+        Both count from the head's home position.
+        """
+
+    def zoom(self, factor: float) -> None:
+        """Zoom to `factor` times the widest focal length, or as far as it goes."""
+
+
+@runtime_checkable
+class ExposureLock(Protocol):
+    """A camera, or its stream, that can be kept from adjusting itself."""
+
+    def lock_exposure(self, locked: bool = True) -> None:
+        """Hold exposure, gain and white balance as they are, or free them; returns at once."""

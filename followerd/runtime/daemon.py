@@ -7,8 +7,9 @@ import structlog
 from followerd import clock
 from followerd.control.mode import Action
 from followerd.errors import UsageError
-from followerd.hw.interfaces import Base, Sensor
-from followerd.messages import Box, Decision, Image, Measurement, TrackState
+from followerd.estimation.gaze import Gaze
+from followerd.hw.interfaces import Base, ExposureLock, PanTilt, Sensor
+from followerd.messages import Box, Decision, Image, Measurement, PtzState, TrackState
 from followerd.pipeline import Event, Operator, Pipeline, Tick
 from followerd.runtime.stats import Stats
 from followerd.runtime.supervisor import supervise
@@ -31,15 +32,18 @@ class Daemon:
         tracker: Tracker,
         pipeline: Pipeline,
         image_work: float,
+        head: PanTilt | None = None,
     ) -> None:
         self.base = base
-        self.sensors = sensors
+        self.head = head
+        self.sensors = (*sensors, head) if head else sensors
         self.pipeline = pipeline
         self.vision = Vision(tracker, pipeline.ego_at, pipeline.place_at, self.handle, image_work)
         self.stats = Stats(began=clock.now())
         self.decision: Decision | None = None
         self.decision_watchers: list[Callable[[Decision], None]] = []
         self.measurement_watchers: list[Callable[[Measurement], None]] = [self.stats.measured]
+        self._gaze = Gaze()
         self._motors = False
         base.on_sent = self.stats.sent
 
@@ -53,13 +57,22 @@ class Daemon:
             self.stats.finish(clock.now())
 
     def take(self, measurement: Measurement) -> None:
-        """A device measured something."""
+        """A device measured something.
+
+        An image of which nobody knows where the camera's head pointed is not looked at: the robot
+        stops as when there is none.
+        """
+        aimed: Measurement | None = measurement
+        if isinstance(measurement, Image) and self.head is not None:
+            aimed = self._gaze.aimed(measurement)
         for watch in self.measurement_watchers:
-            watch(measurement)
-        if isinstance(measurement, Image):
-            self.vision.offer(measurement)
-        else:
-            self.handle(measurement)
+            watch(aimed or measurement)
+        if isinstance(aimed, Image):
+            self.vision.offer(aimed)
+        elif isinstance(aimed, PtzState):
+            self._gaze.note(aimed)
+        elif aimed is not None:
+            self.handle(aimed)
 
     def handle(self, event: Event) -> Decision:
         """One event through the pipeline, and its command to the base."""
@@ -85,14 +98,23 @@ class Daemon:
         if refused:
             raise UsageError(refused)
         state = await self.vision.enrol(region, frame_id)
+        self._lock_exposure(True)
         log.info("enrolled", box=state.box, confidence=round(state.confidence, 2))
         return state
 
     def act(self, action: Action, session: str = "") -> str:
         """An operator's action; returns why it was refused, or an empty string."""
         decision = self.handle(Operator(action, session))
+        if action in (Action.ARM, Action.DISARM) and not decision.refused:
+            self._lock_exposure(action is Action.ARM)
         log.info("operator", action=action.value, refused=decision.refused or None)
         return decision.refused
+
+    def _lock_exposure(self, locked: bool) -> None:
+        """The person's colours must stay as they were learned."""
+        for sensor in self.sensors:
+            if isinstance(sensor, ExposureLock):
+                sensor.lock_exposure(locked)
 
     async def _tick(self) -> None:
         while True:
