@@ -56,7 +56,16 @@ def _in_file(loc: tuple[str | int, ...], document: yaml.Document) -> tuple[str |
     for part in loc[:-1]:
         if (*path, part) in document.places:
             path = (*path, part)
-    return (*path, *loc[-1:])
+    is_tag = loc[-1:] == (_kind(path, document),)  # of a whole section
+    return path if is_tag else (*path, *loc[-1:])
+
+
+def _kind(path: tuple[str | int, ...], document: yaml.Document) -> object:
+    """The `kind` of the section at `path`."""
+    section = document.value
+    for part in path:
+        section = section[part]
+    return section.get("kind") if isinstance(section, dict) else None
 
 
 def _say(
@@ -66,7 +75,7 @@ def _say(
     kind: type[BaseModel],
 ) -> str:
     if fault["type"] == "extra_forbidden":
-        close = get_close_matches(str(path[-1]), _keys(kind, path[:-1]), 1)
+        close = get_close_matches(str(path[-1]), _keys(kind, path[:-1]) - {path[-1]}, 1)
         return "unknown key" + (f"; did you mean {close[0]}?" if close else "")
     if fault["type"] == "missing":
         return "is required"

@@ -18,12 +18,12 @@ from pydantic import ValidationError
 from followerd import clock
 from followerd.errors import DeviceError, LinkLost, OpenError, SetupError, UsageError
 from followerd.geometry import Array, Camera, Pose2
-from followerd.hw.camera.driver import CameraDriver, open_camera
+from followerd.hw.camera.driver import CameraDriver
 from followerd.hw.camera.files import NOMINAL_RATE, open_recording
 from followerd.hw.camera.protocol import ALIGN, Frame, Ring, RingLayout, wake_path
 from followerd.hw.camera.ring import RingSource
 from followerd.hw.camera.settings import PRESETS, CameraSettings
-from followerd.hw.camera.v4l2 import V4l2Source, V4l2Stream
+from followerd.hw.camera.sources import open_camera
 from followerd.messages import Image, Measurement, Pixels
 from followerd.sim.faults import Fault
 from followerd.sim.serve import on_ring
@@ -186,9 +186,21 @@ def test_garbage_is_noise_and_drop_leaves_gaps() -> None:
     assert ids == sorted(ids)
 
 
-def test_a_fault_that_a_camera_cannot_have_is_a_usage_error() -> None:
-    with pytest.raises(UsageError, match="a camera has no fault 'flip'; it has disconnect"):
-        twin("camera:flip@1+1")
+def test_a_camera_has_every_fault_that_a_line_has() -> None:
+    clean = {image.stamp: image.pixels for image in images_of(twin(), 9.0)}
+
+    def spoilt(fault: str) -> list[tuple[int, int]]:
+        """Pixels, rows that differ in each picture that is not as it should be."""
+        images = images_of(twin(f"camera:{fault}@0.95+9"), 9.0)
+        off = [image.pixels != clean[image.stamp] for image in images]
+        return [(int(d.sum()), int(d.any(axis=(1, 2)).sum())) for d in off if d.any()]
+
+    assert set(spoilt("flip")) == {(1, 1)}
+    assert len({rows for _, rows in spoilt("split")}) > 20
+    assert not spoilt("wrong")  # turned round, which does not show on an even picture
+    twice = [image.stamp for image in images_of(twin("camera:duplicate@0+9"), 9.0)]
+    assert 95 < len(twice) < 130
+    assert len(set(twice)) == 90
 
 
 def test_frames_of_another_size_than_configured_are_refused() -> None:
@@ -437,24 +449,3 @@ def test_recordings_that_cannot_be_read_say_why(tmp_path: Path) -> None:
     (tmp_path / "broken.png").write_bytes(b"no image" * 100)
     with pytest.raises(DeviceError, match=r"broken.png: cannot be read as an image"):
         open_recording(tmp_path)
-
-
-async def test_a_camera_that_is_not_there_says_so(tmp_path: Path) -> None:
-    with pytest.raises(OpenError, match=r"/dev/video77 does not exist; (there are|no camera)"):
-        await open_camera("/dev/video77", SMALL).open("camera")
-    (tmp_path / "video0").touch()
-    with pytest.raises(OpenError, match="cannot be opened; close the program"):
-        await V4l2Source(str(tmp_path / "video0"), 64, 48, 10.0).open("camera")
-
-
-async def test_a_live_camera_delivers_until_it_stops(tmp_path: Path) -> None:
-    write_video(tmp_path / "walk.avi", 100)  # plays the device
-    before = clock.now()
-    stream = V4l2Stream("camera", "/dev/video0", cv2.VideoCapture(str(tmp_path / "walk.avi")))
-    frames: list[Frame] = []
-    with pytest.raises(LinkLost, match="camera: /dev/video0 sends no frames; check the plug"):
-        await read_into(frames, stream.read)
-    assert frames
-    assert [frame.id for frame in frames] == sorted({frame.id for frame in frames})
-    assert all(before <= frame.stamp <= clock.now() for frame in frames)
-    stream.close()

@@ -1,33 +1,22 @@
 """The camera as a sensor: frames of any source become images with a camera model."""
 
-from pathlib import Path
+import cv2
+import numpy as np
 
 from followerd import clock
 from followerd.errors import SetupError
 from followerd.hw.camera.protocol import Frame
-from followerd.hw.camera.ring import RingSource
 from followerd.hw.camera.settings import CameraSettings
-from followerd.hw.camera.source import FrameSource
-from followerd.hw.camera.v4l2 import V4l2Source
-from followerd.hw.interfaces import Sink
-from followerd.messages import Image
-
-
-def open_camera(link: str, settings: CameraSettings) -> FrameSource:
-    """The source `/dev/videoN` (or a symlink to it), or a frame ring: `ring:FILE` or its path."""
-    if Path(link).resolve().name.startswith("video"):
-        return V4l2Source(link, settings.width, settings.height, settings.rate_hz)
-    return RingSource(link.removeprefix("ring:"))
+from followerd.hw.camera.source import FrameSource, FrameStream
+from followerd.hw.interfaces import ExposureLock, Sink
+from followerd.messages import Image, Pixels
 
 
 class CameraDriver:
     """Streams images; `dropped` counts frames that came too fast to be read."""
 
     role = "camera"
-    Settings = CameraSettings
-
-    role = "camera"
-    Settings = CameraSettings
+    Settings: type[CameraSettings] = CameraSettings
 
     def __init__(self, settings: CameraSettings, source: FrameSource, name: str = "camera") -> None:
         self.name = name
@@ -35,16 +24,27 @@ class CameraDriver:
         self._source = source
         self._camera = settings.camera
         self._last: int | None = None
+        self._stream: FrameStream | None = None
+        self.exposure_locked = False
 
     async def run(self, sink: Sink) -> None:
         """Stream into `sink` until cancelled; raises OpenError, SetupError, LinkLost."""
-        stream = await self._source.open(self.name)
+        self._stream = stream = await self._source.open(self.name)
+        self.lock_exposure(self.exposure_locked)
         self._last = None
         try:
             while True:
                 sink(self._image(await stream.read(), clock.now()))
         finally:
+            self._stream = None
             stream.close()
+
+    def lock_exposure(self, locked: bool = True) -> None:
+        """See ExposureLock; what the camera offers of it, and again after it was unplugged."""
+        self.exposure_locked = locked
+        stream: object = self._stream
+        if isinstance(stream, ExposureLock):
+            stream.lock_exposure(locked)
 
     def _image(self, frame: Frame, now: float) -> Image:
         height, width = frame.pixels.shape[:2]
@@ -57,4 +57,11 @@ class CameraDriver:
         if self._last is not None:
             self.dropped += frame.id - self._last - 1
         self._last = frame.id
-        return Image(frame.id, frame.stamp, now, frame.pixels, self._camera, frame.depth)
+        pixels = self._toned(frame.pixels)
+        return Image(frame.id, frame.stamp, now, pixels, self._camera, frame.depth)
+
+    def _toned(self, pixels: Pixels) -> Pixels:
+        """Colour is what trackers expect of a camera; a thermal one gives grey."""
+        if pixels.ndim == 3:
+            return pixels
+        return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR), np.uint8)

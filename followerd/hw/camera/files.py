@@ -1,4 +1,7 @@
-"""Recorded frames: a folder of images or a video file, in order, with nominal stamps."""
+"""Recorded frames: a folder of images or a video file, in order, with nominal stamps.
+
+They are read as colour (BGR), or as grey where a tone says how 16-bit greys become 8-bit ones.
+"""
 
 import os
 import re
@@ -11,6 +14,8 @@ import numpy as np
 
 from followerd.errors import DeviceError, UsageError
 from followerd.hw.camera.protocol import Frame
+from followerd.hw.camera.tone import Tone
+from followerd.messages import Pixels
 
 NOMINAL_RATE = 25.0  # frames a second where a recording does not say
 SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".tif", ".tiff", ".webp"}
@@ -25,39 +30,42 @@ class Recording(Protocol):
     height: int  # px
 
     def __iter__(self) -> Iterator[Frame]:
-        """The frames (BGR); raises DeviceError where one cannot be read."""
+        """The frames, BGR or grey; raises DeviceError where one cannot be read."""
 
 
-def open_recording(path: Path) -> Recording:
+def open_recording(path: Path, tone: Tone | None = None) -> Recording:
     """A folder of images or a video; raises UsageError or DeviceError."""
     if not path.exists():
         raise UsageError(f"{path} does not exist: give a folder of images or a video file")
-    return ImageFolder(path) if path.is_dir() else Video(path)
+    return ImageFolder(path, tone=tone) if path.is_dir() else Video(path, tone)
 
 
 class ImageFolder:
     """The images of a folder in the order of the numbers in their names."""
 
-    def __init__(self, folder: Path, rate: float = NOMINAL_RATE) -> None:
+    def __init__(self, folder: Path, rate: float = NOMINAL_RATE, tone: Tone | None = None) -> None:
         self.rate = rate
+        self._tone = tone
         self._paths = sorted(
             (path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES), key=_by_number
         )
         if not self._paths:
             raise UsageError(f"{folder} holds no images ({' '.join(sorted(SUFFIXES))})")
+        self.names = [path.name for path in self._paths]
         self.count = len(self._paths)
-        self.height, self.width = _read(self._paths[0]).shape[:2]
+        self.height, self.width = _read(self._paths[0], None).shape[:2]
 
     def __iter__(self) -> Iterator[Frame]:
         for index, path in enumerate(self._paths):
-            yield Frame(index, index / self.rate, _read(path))
+            yield Frame(index, index / self.rate, _read(path, self._tone))
 
 
 class Video:
     """A video file; frames past a damaged place are not reached."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, tone: Tone | None = None) -> None:
         self._path = path
+        self._tone = tone
         capture = self._open()
         try:
             rate = capture.get(cv2.CAP_PROP_FPS)
@@ -73,7 +81,10 @@ class Video:
         try:
             index = 0
             while (answer := capture.read())[0]:
-                yield Frame(index, index / self.rate, np.asarray(answer[1], np.uint8))
+                pixels = np.asarray(answer[1], np.uint8)
+                if self._tone is not None:
+                    pixels = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), np.uint8)
+                yield Frame(index, index / self.rate, pixels)
                 index += 1
         finally:
             capture.release()
@@ -90,11 +101,17 @@ class Video:
         return capture
 
 
-def _read(path: Path) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
-    pixels = cv2.imread(str(path), cv2.IMREAD_COLOR)
+def _read(path: Path, tone: Tone | None) -> Pixels:
+    grey = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH
+    pixels = cv2.imread(str(path), cv2.IMREAD_COLOR if tone is None else grey)
     if pixels is None:
         raise DeviceError(str(path), "cannot be read as an image", "is the file damaged?")
-    return np.asarray(pixels, np.uint8)
+    if tone is None:
+        return np.asarray(pixels, np.uint8)
+    if pixels.dtype not in (np.uint8, np.uint16):
+        remedy = "give 8-bit or 16-bit grey images"
+        raise DeviceError(str(path), f"has {pixels.dtype} pixels", remedy)
+    return tone(np.asarray(pixels, np.uint8 if pixels.dtype == np.uint8 else np.uint16))
 
 
 def _by_number(path: Path) -> list[tuple[int, str]]:
