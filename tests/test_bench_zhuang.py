@@ -7,7 +7,7 @@ from math import degrees, inf, radians
 import numpy as np
 import pytest
 
-from followerd.bench import zhuang
+from followerd.bench import speed, zhuang
 from followerd.bench.ride import Agility, Frame, Ride
 from followerd.bench.scripts import BangBang, Chaperon, Follow, seen
 from followerd.bench.speed import Tape, percentiles, play, record, stages
@@ -170,3 +170,12 @@ def test_speed_is_measured_on_the_same_frames_for_every_tracker() -> None:
     parts = stages(tape, "192x144", "hpf/paper")
     assert {"look_ms", "predict_ms"} <= {row.metric for row in parts}
     assert all(row.value is not None and row.value >= 0 for row in parts)
+
+
+def test_what_else_the_machine_does_is_not_taken_for_the_trackers_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    passes = iter([np.array([9e-3, 1e-3]), np.array([2e-3, 7e-3]), np.array([3e-3, 4e-3])])
+    monkeypatch.setattr(speed, "PASSES", 3)
+    monkeypatch.setattr(speed, "once", lambda *_: next(passes))
+    assert play(Tape(), "hpf", 150).tolist() == pytest.approx([2.0, 1.0])

@@ -60,10 +60,9 @@ def test_the_ratio_tells_any_clothes_from_their_surroundings(
 ) -> None:
     image = picture(person, ground, 6.0)
     codes = colour.encode(image)
-    flags = np.zeros(codes.shape)
-    flags[40:110, 80:110] = 1.0
+    inner = colour.histogram(codes[40:110, 80:110])
     model = colour.ColourRatio()
-    model.learn(codes, flags, 1.0 - flags, 1.0)
+    model.learn(inner, colour.histogram(codes) - inner, 1.0)
     inside, outside = inside_and_outside(model.log_ratio(codes))
     assert inside > 1.0
     assert outside < -0.5
@@ -71,11 +70,10 @@ def test_the_ratio_tells_any_clothes_from_their_surroundings(
 
 def test_a_model_that_learns_slowly_keeps_what_it_knew() -> None:
     red, blue = (colour.encode(picture(c, GREY, 6.0)) for c in (RED, BLUE))
-    flags = np.zeros(red.shape)
-    flags[40:110, 80:110] = 1.0
     model = colour.ColourRatio()
-    model.learn(red, flags, 1.0 - flags, 1.0)
-    model.learn(blue, flags, 1.0 - flags, 0.03)
+    for codes, rate in ((red, 1.0), (blue, 0.03)):
+        inner = colour.histogram(codes[40:110, 80:110])
+        model.learn(inner, colour.histogram(codes) - inner, rate)
     assert inside_and_outside(model.log_ratio(red))[0] > 1.0
 
 

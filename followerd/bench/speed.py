@@ -1,7 +1,8 @@
 """Suite `speed`: the time a tracker needs for one frame, in one thread.
 
 Everything from the frame in memory to the track; rendering and decoding are left out. All
-trackers get the same frames of one walk down the corridor.
+trackers get the same frames of one walk down the corridor, several times over. The same seed makes
+each pass the same work, so the least time of a frame is the tracker's, the rest the machine's.
 """
 
 from collections.abc import Sequence
@@ -32,6 +33,8 @@ PARTICLES = (100, 150, 1000, 10_000, 100_000)
 NORMAL = 150  # particles, of the paper
 FRAMES = 241  # the first is the enrolment
 QUICK_FRAMES = 61
+PASSES = 6  # over the frames
+LONG = 8.0  # s, after which two passes are enough
 SEED = 1000
 
 
@@ -99,14 +102,24 @@ def record(size: tuple[int, int], count: int) -> Tape:
     return tape
 
 
-def play(
+def play(tape: Tape, name: str, particles: int, odometry: bool = True) -> Array:
+    """Run a tracker over the tape; the least time of every step after the enrolment, ms."""
+    began = perf_counter()
+    passes: list[Array] = []
+    while len(passes) < 2 or (len(passes) < PASSES and perf_counter() - began < LONG):
+        passes.append(once(tape, name, particles, odometry))
+    least: Array = 1e3 * np.min(passes, axis=0)
+    return least
+
+
+def once(
     tape: Tape,
     name: str,
     particles: int,
     odometry: bool = True,
     profile: Profile | None = None,
 ) -> Array:
-    """Run a tracker over the tape; the time of every step after the enrolment, ms."""
+    """One pass over the tape; the time of every step after the enrolment, s."""
     tracker = build(name, np.random.default_rng(SEED), particles=particles)
     image, ego = tape.seen[0]
     tracker.enrol(image, tape.region, ego if odometry else None)
@@ -116,7 +129,7 @@ def play(
         began = perf_counter()
         step(image, ego if odometry else None)
         times.append(perf_counter() - began)
-    return 1e3 * np.array(times)
+    return np.array(times)
 
 
 def percentiles(scenario: str, tracker: str, times: Array) -> list[Row]:
@@ -130,7 +143,7 @@ def percentiles(scenario: str, tracker: str, times: Array) -> list[Row]:
 def stages(tape: Tape, place: str, name: str) -> list[Row]:
     """Mean time of what the tracker's step calls directly; the profiler adds a little to each."""
     profile = Profile()
-    play(tape, name, NORMAL, profile=profile)
+    once(tape, name, NORMAL, profile=profile)
     spent: dict[str, float] = {}
     for entry in profile.getstats():
         if isinstance(entry.code, CodeType) and entry.code.co_name == "step":

@@ -10,7 +10,7 @@ from typing import Annotated
 import cv2
 import numpy as np
 from cyclopts import Parameter
-from rich.progress import track as progress_bar
+from rich.progress import Progress
 
 from followerd import config as configs
 from followerd.bench.overlay import draw
@@ -86,18 +86,29 @@ def track(
     chosen = build(tracker, np.random.default_rng(seed), settings)
     frames = images(recording, camera_of(recording, settings))
     steps = follow(chosen, frames, region, start)
-    shown = progress_bar(steps, "tracking", total=recording.count - start or None, transient=True)
     profiler = cProfile.Profile() if profile else None
+    with Progress(transient=True) as progress:
+        shown = _shown(steps, progress, recording.count - start or None)
+        if profiler:
+            profiler.enable()
+        rows = write_csv(out, _rows(shown, render, recording.rate))
+        if profiler:
+            profiler.disable()
     if profiler:
-        profiler.enable()
-    rows = write_csv(out, _rows(shown, render, recording.rate))
-    if profiler:
-        profiler.disable()
         Stats(profiler).strip_dirs().sort_stats(SortKey.TIME).print_stats(15)
     result = {"source": str(source), "tracker": tracker, "seed": seed} | summarise(rows, right)
     _print(result)
     if summary:
         _write(summary, result)
+
+
+def _shown(steps: Iterable[Step], progress: Progress, total: int | None) -> Iterator[Step]:
+    """Not rich's own `track`: a thread of it outlives an error, and the garbage collector may
+    then wait for that thread in the one that draws, for ever."""
+    bar = progress.add_task("tracking", total=total)
+    for step in steps:
+        yield step
+        progress.advance(bar)
 
 
 def _rows(steps: Iterable[Step], render: Path | None, rate: float) -> Iterator[TrackRow]:

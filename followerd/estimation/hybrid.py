@@ -70,13 +70,15 @@ class HybridFilter:
         self.state: Array
         width, height = frame
         speed = 2.0 * width
-        self._largest = 2.0 * np.array(frame)
+        self._largest = 2.0 * width, 2.0 * height
         self._limits = (
             np.array([-0.1 * width, -0.1 * height, -speed, -speed]),
             np.array([1.1 * width, 1.1 * height, speed, speed]),
         )
         self._rng = rng
         self._count = count
+        self._together = np.zeros(count, dtype=np.intp)
+        self._alike = np.full(count, 1.0 / count)
         self.size: Array = np.array([box[2], box[3], 0.0, 0.0])
         self.P: Array = np.zeros((3, 2))
         self.seed(box, np.zeros(2))
@@ -88,7 +90,7 @@ class HybridFilter:
         sigma[2:] = 5.0 * sigma[:2]  # px/s: a third of it per frame
         self.particles = self._rng.standard_normal((self._count, 4)) * sigma
         self.particles += [box[0], box[1], *velocity]
-        self.weights = np.full(self._count, 1.0 / self._count)
+        self.weights = self._alike
         self.state = np.array([box[0], box[1], *velocity])
         self.size[2:] = 0.0
         self.size[:2] = box[2:]
@@ -111,14 +113,14 @@ class HybridFilter:
     def predict(self, dt: float) -> None:
         """Steps 1-3: resample, predict both halves, keep them inside reason."""
         chosen = particles.resample(self.weights, self._rng)
-        self.weights = np.full(self._count, 1.0 / self._count)
-        cloud = self.particles.take(chosen, axis=0)
+        self.weights = self._alike
+        cloud = self.particles.T.take(chosen, axis=1).T
         cloud = particles.predict(cloud, dt, self.noise.q_position, self._rng)
         lowest, highest = self._limits
         np.minimum(np.maximum(cloud, lowest, out=cloud), highest, out=cloud)
         self.particles = cloud
-        self.state = self.state.copy()
-        self.state[:2] += dt * self.state[2:]
+        x, y, vx, vy = self.state.tolist()
+        self.state = np.array([x + dt * vx, y + dt * vy, vx, vy])
         self.size, self.P = kalman.predict(self.size, self.P, dt, self.noise.q_size)
         self._bound_size()
 
@@ -162,22 +164,20 @@ class HybridFilter:
         self.measure_size(boxes[chosen, 2:])
         return Estimate(self.state, support, fit, chosen)
 
-    def update_soft(self, log_likelihood: Array, how: Estimator) -> Estimate:
+    def update_soft(self, log_likelihood: Array, how: Estimator) -> None:
         """Step 4 with a likelihood (N,) of every particle instead of candidates."""
         self.weights = particles.normalised(log_likelihood)
-        one = np.zeros(self._count, dtype=np.intp)
-        self.state = particles.estimate(self.particles, self.weights, one, how)
-        return Estimate(self.state, 1.0, 1.0, 0)
+        self.state = particles.estimate(self.particles, self.weights, self._together, how)
 
     def measure_size(self, size: Array) -> None:
         """Step 5: the chosen candidate's size (2,) updates the Kalman half."""
-        R = np.square(self.noise.sigma_size)
+        R = np.array([sigma * sigma for sigma in self.noise.sigma_size])
         self.size, self.P = kalman.update(self.size, self.P, size, R)
         self._bound_size()
 
     def _bound_size(self) -> None:
-        size = self.size[:2]
-        np.minimum(np.maximum(size, SMALLEST, out=size), self._largest, out=size)
+        (w, h), (widest, tallest) = self.size[:2].tolist(), self._largest
+        self.size[:2] = min(max(w, SMALLEST), widest), min(max(h, SMALLEST), tallest)
 
     def coast(self, dt: float) -> None:
         """Nothing seen: velocities fade, the size is frozen and its uncertainty capped."""
@@ -193,4 +193,6 @@ class HybridFilter:
 
     def box(self) -> Array:
         """(4,) x y w h: centre and size, px."""
-        return np.concatenate([self.state[:2], self.size[:2]])
+        box = np.empty(4)
+        box[:2], box[2:] = self.state[:2], self.size[:2]
+        return box

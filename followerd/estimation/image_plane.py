@@ -27,17 +27,18 @@ def by_odometry(camera: Camera, before: Pose2, now: Pose2, box: Array) -> PlaneC
     its inverse depth. A foot at or above the horizon is no foot: then only the turn is undone.
     """
     now_from_before = ~now @ before
-    x, y, half = box[0], box[1], 0.5 * box[3]
-    depth = y + half - camera.horizon  # px, proportional to inverse distance
+    x, y, _, h = box.tolist()
+    half, horizon = 0.5 * h, camera.horizon
+    depth = y + half - horizon  # px, proportional to inverse distance
     if depth < HORIZON_MARGIN * camera.width / 192.0:
         return PlaneChange(_turn(camera, now_from_before.theta))
     c, s = cos(now_from_before.theta), sin(now_from_before.theta)
     motion = np.array([[c, -s, now_from_before.x], [s, c, now_from_before.y], [0.0, 0.0, 1.0]])
     homography = camera.image_from_ground @ motion @ camera.ground_from_image
-    _, row, z = homography @ (x, y + half, 1.0)
-    if z / homography[2, 2] <= 0.0:  # the robot would have passed over the foot
+    row, z = (a * x + b * (y + half) + c for a, b, c in homography.tolist()[1:])
+    if z / float(homography[2, 2]) <= 0.0:  # the robot would have passed over the foot
         return PlaneChange(_turn(camera, now_from_before.theta))
-    zoom = min(max(float(row / z - camera.horizon) / depth, ZOOM[0]), ZOOM[1])
+    zoom = min(max((row / z - horizon) / depth, ZOOM[0]), ZOOM[1])
     return PlaneChange(homography, half, zoom)
 
 

@@ -21,9 +21,8 @@ def predict(x: Array, P: Array, dt: float, q: tuple[float, float]) -> tuple[Arra
         (a + dt * (2.0 * b + dt * c) + d * dt**3 / 3, b + dt * c + d * dt**2 / 2, c + d * dt)
         for a, b, c, d in zip(*P.tolist(), q, strict=True)
     ]
-    prior = x.copy()
-    prior[:2] += dt * x[2:]
-    return prior, np.array(axes).T
+    u, v, du, dv = x.tolist()
+    return np.array([u + dt * du, v + dt * dv, du, dv]), np.array(axes).T
 
 
 def update(x: Array, P: Array, z: Array, r: Array) -> tuple[Array, Array]:

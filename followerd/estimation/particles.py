@@ -1,6 +1,7 @@
 """The particle half: clouds (N, 4) of x, y in px and their velocities in px/s, weights (N,).
 
-Zhuang et al. 2008, section 2.2 and steps 1-4 of section 3.3.2.
+Zhuang et al. 2008, section 2.2 and steps 1-4 of section 3.3.2. Clouds made here lie in memory
+column by column: arithmetic on long columns is several times as fast as on rows of four.
 """
 
 from math import sqrt
@@ -21,9 +22,9 @@ def resample(weights: Array, rng: np.random.Generator) -> Indices:
     Step 1; the paper draws N times with replacement, which adds variance and nothing else.
     """
     n = weights.size
-    edges = np.cumsum(weights)
+    edges = weights.cumsum()
     picks = (rng.random() + np.arange(n)) * (edges[-1] / n)
-    indices: Indices = np.minimum(np.searchsorted(edges, picks), n - 1)
+    indices: Indices = np.minimum(edges.searchsorted(picks), n - 1)
     return indices
 
 
@@ -36,12 +37,13 @@ def ncv_noise(n: int, dt: float, q: tuple[float, float], rng: np.random.Generato
     a = sqrt(dt**3 / 3)
     b = dt**2 / (2 * a)
     c = sqrt(dt - b * b)
-    roots = np.sqrt(q)
-    n1, n2 = rng.standard_normal((2, n, 2))
-    noise = np.empty((n, 4))
-    np.multiply(n1, a * roots, out=noise[:, :2])
-    np.add(n1 * (b * roots), n2 * (c * roots), out=noise[:, 2:])
-    return noise
+    roots = np.array([[sqrt(q[0])], [sqrt(q[1])]])
+    n1, n2 = rng.standard_normal((2, n, 2)).transpose(0, 2, 1)
+    noise = np.empty((4, n))
+    np.multiply(n1, a * roots, out=noise[:2])
+    np.multiply(n1, b * roots, out=noise[2:])
+    noise[2:] += n2 * (c * roots)
+    return noise.T
 
 
 def predict(particles: Array, dt: float, q: tuple[float, float], rng: np.random.Generator) -> Array:
@@ -58,16 +60,16 @@ def warp(particles: Array, homography: Array, below: float = 0.0) -> Array:
     The point that is mapped lies `below` px under the particle (the foot). Velocities turn with
     the Jacobian of the map at the mean particle.
     """
-    under = np.array([0.0, below])
-    feet = particles[:, :2] + under
-    mapped = feet @ homography[:, :2].T
-    mapped += homography[:, 2]
-    out = np.empty_like(particles)
-    np.divide(mapped[:, :2], mapped[:, 2:], out=out[:, :2])
-    out[:, :2] -= under
-    middle = feet.sum(axis=0) / len(feet)
-    np.matmul(particles[:, 2:], jacobian(homography, middle).T, out=out[:, 2:])
-    return out
+    places, speeds = particles.T[:2], particles.T[2:]
+    out = np.empty((4, len(particles)))
+    mapped = homography[:, :2] @ places
+    mapped += homography[:, 2:] + below * homography[:, 1:2]
+    np.divide(mapped[:2], mapped[2], out=out[:2])
+    out[1] -= below
+    middle = places.sum(axis=1) / len(particles)
+    middle[1] += below
+    np.matmul(jacobian(homography, middle), speeds, out=out[2:])
+    return out.T
 
 
 def jacobian(homography: Array, point: Array) -> Array:
@@ -99,9 +101,9 @@ def log_gaussian(offsets: Array, sigma: tuple[float, float]) -> Array:
 
 def normalised(log_weights: Array) -> Array:
     """Weights (N,) summing to 1."""
-    weights = np.exp(log_weights - log_weights.max())
-    shares: Array = weights / weights.sum()
-    return shares
+    weights: Array = np.exp(log_weights - log_weights.max())
+    weights /= weights.sum()
+    return weights
 
 
 def estimate(particles: Array, weights: Array, groups: Indices, how: Estimator) -> Array:

@@ -6,7 +6,7 @@ where they are not: an absolute scale, by which somebody absent can be called ab
 """
 
 from dataclasses import dataclass
-from math import exp, log, sqrt
+from math import ceil, exp, floor, isfinite, log, nan, sqrt
 
 import cv2
 import numpy as np
@@ -14,14 +14,13 @@ import numpy as np
 from followerd.geometry import Array
 from followerd.messages import Pixels
 from followerd.perception import gradients, search
-from followerd.perception.colour import Codes, ColourRatio, encode
+from followerd.perception.colour import Codes, ColourRatio, encode, histogram
 from followerd.perception.gradients import CELL, Channels
-from followerd.perception.maps import Map, contrast, reach, sampled
+from followerd.perception.maps import Map, contrast, is_whole, reach, sampled
 from followerd.perception.template import Spectrum, Template
-from followerd.perception.window import SIDE, Window
+from followerd.perception.window import SIDE, Part, Window
 
 CELLS = SIDE // CELL
-GRID = np.arange(SIDE) + 0.5
 MIDDLE = np.array([[0.5 * SIDE, 0.5 * SIDE]])
 AROUND = np.ones((5, 5), np.uint8)  # cells in which a peak is the highest
 MEMORY = 1.3  # s, of both cues
@@ -29,7 +28,7 @@ SLOW_MEMORY = 20.0  # s, of the template that vouches for the identity
 OUTSTANDING = 8.0  # standard deviations that its answer stands out by, as a rule
 ZOOM = 1.05  # by which a window is tried larger and smaller
 FASTEST_GROWTH = 0.06  # of the log size, per measurement
-EDGES = np.array([0.15, 0.25, 0.15, 1.0])  # weights of left, upper, right, lower edge
+EDGES = (0.15, 0.25, 0.15, 1.0)  # weights of left, upper, right, lower edge
 FIRST_ANSWER = 0.6  # of the template one frame after enrolment, as a rule
 WORST_ANSWER = 0.25  # a template that answers no better is not a person's
 
@@ -41,7 +40,7 @@ class View:
     window: Window
     size: tuple[float, float]  # expected width and height of the person, window px
     codes: Codes  # (SIDE, SIDE)
-    seen: Map  # (SIDE, SIDE) 1 inside the image, 0 outside
+    seen: Part  # inside the image
     patch: Pixels  # (SIDE, SIDE, 3)
     ratio: Map  # (SIDE, SIDE) log colour ratio, 0 outside the image
     colours: Map  # (SIDE, SIDE) its contrast for boxes of the expected size
@@ -68,9 +67,7 @@ class Appearance:
         self._full_colour = max(float(sampled(view.colours, MIDDLE)[0]), 0.1)
         self._full_answer = FIRST_ANSWER
         self._reach = self._relative_reach(view, MIDDLE[0])
-        one, larger, smaller = (
-            self._slow_answer(view, MIDDLE[0], z) for z in (1.0001, ZOOM, 1.0 / ZOOM)
-        )
+        one, larger, smaller = self._slow_answers(view, MIDDLE[0], (1.0001, ZOOM, 1.0 / ZOOM))
         self._bias = log(larger / smaller)
         fall = max(log(one) - 0.5 * log(larger * smaller), 0.02)
         self._gain = log(ZOOM) / (4.0 * fall)  # a Gaussian through the three answers
@@ -81,7 +78,8 @@ class Appearance:
         patch = window.cut(pixels)
         codes = encode(patch)
         seen = window.inside()
-        ratio = self._colour.log_ratio(codes) * seen
+        ratio = np.zeros((SIDE, SIDE), np.float32)
+        ratio[seen] = self._colour.log_ratio(codes[seen])
         size = float(box[2]) / window.scale, float(box[3]) / window.scale
         cells = spectrum = answers = None
         if self._template is not None:
@@ -117,10 +115,11 @@ class Appearance:
             return np.empty((0, 2))
         high = view.answers > 0.3 * self._full_answer
         high &= view.answers == cv2.dilate(view.answers, AROUND)
-        places = np.flatnonzero(high)
-        order = (-view.answers.ravel()[places]).argsort(kind="stable")[:most]
-        rows, columns = divmod(places[order], CELLS)
-        return (np.array([columns, rows]).T + 0.5) * CELL
+        places = high.ravel().nonzero()[0]
+        answers = view.answers.ravel()[places].tolist()
+        best = sorted(zip(answers, places.tolist(), strict=True), key=lambda a: -a[0])[:most]
+        points = [((i % CELLS + 0.5) * CELL, (i // CELLS + 0.5) * CELL) for _, i in best]
+        return np.array(points).reshape(-1, 2)
 
     def places(self, pixels: Pixels, size: Array, most: int) -> Array:
         """Image points (M, 2) where someone of `size` (2,) px in these colours may be."""
@@ -130,7 +129,7 @@ class Appearance:
         """0..1.2: how surely the slow template knows the person at a window point (2,)."""
         if self._template is None or view.cells is None or view.spectrum is None:
             return 1.0
-        answer = self._template.slow_answer(view.cells, _offset(point), 1.0)
+        (answer,) = self._template.slow_answers(view.cells, _offset(point), (1.0,))
         outstanding = self._template.vouch(view.spectrum, answer) / OUTSTANDING
         return min(max(outstanding, 0.0), 1.2)
 
@@ -154,11 +153,11 @@ class Appearance:
         self._learn_colour(view, point, 1.0 - exp(-dt / MEMORY))
 
     def _learn_colour(self, view: View, point: Array, rate: float) -> None:
-        w, h = view.size
-        dx, dy = np.abs(GRID - point[0]) / w, np.abs(GRID - point[1])[:, None] / h
-        person = (dx < 0.45) & (dy < 0.48)
-        around = ((dx > 0.6) | (dy > 0.6)) & (dx < 1.2) & (dy < 1.2)
-        self._colour.learn(view.codes, person * view.seen, around * view.seen, rate)
+        person, apart, around = (
+            histogram(view.codes[_part(view, point, *reach)])
+            for reach in ((0.45, 0.48), (0.6, 0.6), (1.2, 1.2))
+        )
+        self._colour.learn(person, around - apart, rate)
 
     def growth(self, view: View, point: Array) -> float | None:
         """Log growth of the person at a window point (2,), over the expected size.
@@ -168,15 +167,16 @@ class Appearance:
         """
         if view.cells is None:
             return None
-        larger, smaller = (self._slow_answer(view, point, z) for z in (ZOOM, 1.0 / ZOOM))
+        larger, smaller = self._slow_answers(view, point, (ZOOM, 1.0 / ZOOM))
         measured = self._gain * (log(larger / smaller) - self._bias)
         return min(max(measured, -FASTEST_GROWTH), FASTEST_GROWTH)
 
-    def _slow_answer(self, view: View, point: Array, zoom: float) -> float:
-        """The slow template's answer at a window point, in a window `zoom` times as large."""
+    def _slow_answers(self, view: View, point: Array, zooms: tuple[float, ...]) -> list[float]:
+        """The slow template's answers at a window point, in windows `zooms` times as large."""
         if self._template is None or view.cells is None:
-            return 1.0
-        return max(self._template.slow_answer(view.cells, _offset(point), zoom), 0.02)
+            return [1.0] * len(zooms)
+        answers = self._template.slow_answers(view.cells, _offset(point), zooms)
+        return [max(answer, 0.02) for answer in answers]
 
     def outline_growth(self, view: View, point: Array) -> float | None:
         """Log growth by the edges of the person's colours; None where none is in view.
@@ -184,28 +184,35 @@ class Appearance:
         The lower edge is the foot, the best; the width comes and goes with the legs. Edges out
         of the image count for nothing.
         """
-        known = np.isfinite(now := self._relative_reach(view, point)) & np.isfinite(self._reach)
-        weights = np.where(known, EDGES, 0.0)
-        if weights.sum() < 0.5:
+        change = weight = 0.0
+        for now, then, share in zip(
+            self._relative_reach(view, point), self._reach, EDGES, strict=True
+        ):
+            if isfinite(now) and isfinite(then):
+                change += share * min(max(log(now / then), -0.3), 0.3)
+                weight += share
+        if weight < 0.5:
             return None
-        change = np.log(np.where(known, now / self._reach, 1.0))
-        change = np.minimum(np.maximum(change, -0.3), 0.3)
-        measured = float(weights @ change / weights.sum())
-        return min(max(measured, -FASTEST_GROWTH), FASTEST_GROWTH)
+        return min(max(change / weight, -FASTEST_GROWTH), FASTEST_GROWTH)
 
-    def _relative_reach(self, view: View, point: Array) -> Array:
-        """How far (4,) the person's colours reach left, up, right, down, in half sizes; nan at
-        the border of the image."""
-        w, h = view.size
-        ends = np.maximum(reach(view.ratio, point, w, h), 1.0)
-        edge = point[[0, 1, 0, 1]] + ends * (-1.0, -1.0, 1.0, 1.0)
-        beyond = edge + (-1.5, -1.5, 0.5, 0.5)
-        left, top, right, bottom, x, y = (
-            int(min(max(v, 0.0), SIDE - 1)) for v in (*beyond.tolist(), *point.tolist())
-        )
-        seen = view.seen[(y, top, y, bottom), (left, x, right, x)]
-        relative: Array = np.where(seen > 0.0, ends / (0.5 * np.array([w, h, w, h])), np.nan)
+    def _relative_reach(self, view: View, point: Array) -> list[float]:
+        """How far the person's colours reach left, up, right, down, in half sizes; nan at the
+        border of the image."""
+        (x, y), (w, h), (rows, columns) = point.tolist(), view.size, view.seen
+        across = (x, w, columns, _is_in(y, rows)), (y, h, rows, _is_in(x, columns))
+        relative = []
+        for k, end in enumerate(reach(view.ratio, x, y, w, h)):
+            at, size, part, seen = across[k % 2]
+            far = max(end, 1.0)
+            beyond = at - far - 1.5 if k < 2 else at + far + 0.5
+            relative.append(far / (0.5 * size) if seen and _is_in(beyond, part) else nan)
         return relative
+
+
+def _is_in(place: float, part: slice) -> bool:
+    """Whether the pixel of the window next to a place is one of `part`."""
+    start, stop = part.start, part.stop
+    return bool(start <= int(min(max(place, 0.0), SIDE - 1)) < stop)
 
 
 def _offset(point: Array) -> tuple[float, float]:
@@ -213,17 +220,33 @@ def _offset(point: Array) -> tuple[float, float]:
     return (float(point[0]) - 0.5 * SIDE) / CELL, (float(point[1]) - 0.5 * SIDE) / CELL
 
 
-def _features(patch: Pixels, ratio: Map, seen: Map) -> Channels:
+def _part(view: View, point: Array, wide: float, high: float) -> Part:
+    """The pixels seen less than `wide` widths and `high` heights from a window point (2,)."""
+    reaches = high * view.size[1], wide * view.size[0]
+    rows, columns = (
+        slice(
+            first := max(floor(p - r - 0.5) + 1, s.start),
+            max(min(ceil(p + r - 0.5), s.stop), first),
+        )
+        for p, r, s in zip((point[1], point[0]), reaches, view.seen, strict=True)
+    )
+    return rows, columns
+
+
+def _features(patch: Pixels, ratio: Map, seen: Part) -> Channels:
     """What the template sees of a window: oriented gradients, brightness, colour ratio.
 
     Outside the image there is nothing: its border must not become part of the person.
     """
     grey = np.asarray(cv2.cvtColor(patch, cv2.COLOR_BGR2GRAY), np.uint8)
     features = gradients.channels(grey, ratio)
-    if seen.min() == 0.0:
-        mask = gradients.pooled(seen[None])[0]
-        total = max(float(mask.sum()), 1.0)
-        means = features.reshape(len(features), -1) @ (mask.ravel() / np.float32(total))
+    if not is_whole(seen, ratio):
+        lines = np.zeros((2, SIDE), np.float32)
+        lines[0, seen[0]] = lines[1, seen[1]] = 1.0 / CELL
+        rows, columns = lines.reshape(2, CELLS, CELL).sum(axis=2)
+        mask = rows[:, None] * columns
+        means = features.reshape(len(features), -1) @ mask.ravel()
+        means /= np.float32(max(float(rows.sum() * columns.sum()), 1.0))
         features -= means[:, None, None]
         features *= mask
     return features

@@ -84,17 +84,22 @@ HUES, SATURATIONS, VALUES, GREYS = 16, 3, 3, 16  # bins
 BINS = HUES * SATURATIONS * VALUES + GREYS
 
 
-def _bins() -> npt.NDArray[np.intp]:
+def _bins() -> npt.NDArray[np.uint8]:
     """Histogram bin of each code (32768,): by hue, saturation and value, greys by value alone."""
     hue = np.minimum(HUE * HUES / 180.0, HUES - 1).astype(int)
     saturation = ((SATURATION - SATURATED) * SATURATIONS / (256.0 - SATURATED)).astype(int)
     value = (VALUE * VALUES / 256.0).astype(int)
     chromatic = (hue * SATURATIONS + saturation) * VALUES + value
     grey = HUES * SATURATIONS * VALUES + (VALUE * GREYS / 256.0).astype(int)
-    return np.where((SATURATION < SATURATED) | (VALUE < DARK), grey, chromatic)
+    return np.where((SATURATION < SATURATED) | (VALUE < DARK), grey, chromatic).astype(np.uint8)
 
 
 BIN = _bins()
+
+
+def histogram(codes: Codes) -> Array:
+    """Pixels (BINS,) of each colour."""
+    return np.bincount(BIN.take(codes).ravel(), minlength=BINS).astype(float)
 
 
 class ColourRatio:
@@ -103,19 +108,17 @@ class ColourRatio:
     def __init__(self) -> None:
         self._person = np.full(BINS, 1.0 / BINS)
         self._around = np.full(BINS, 1.0 / BINS)
-        self._table = np.zeros(32768, np.float32)
+        self._ratios = np.zeros(256, np.float32)  # of each bin; the rest is not used
 
-    def learn(self, codes: Codes, person: Array, around: Array, rate: float) -> None:
-        """Blend in the colours of pixels weighted by `person` and by `around` (H, W)."""
-        bins = BIN.take(codes.ravel())
-        for histogram, weights in ((self._person, person), (self._around, around)):
-            total = float(weights.sum())
+    def learn(self, person: Array, around: Array, rate: float) -> None:
+        """Blend in histograms of the person and of the surroundings."""
+        for known, seen in ((self._person, person), (self._around, around)):
+            total = float(seen.sum())
             if total > 0.0:
-                new = np.bincount(bins, weights.ravel(), BINS) / total
-                histogram += rate * (new - histogram)
+                known += rate * (seen / total - known)
         ratio = np.log((self._person + 2e-3) / (self._around + 2e-3))
-        self._table = np.clip(ratio, -2.0, 2.0).astype(np.float32).take(BIN)
+        self._ratios[:BINS] = np.minimum(np.maximum(ratio, -2.0), 2.0)
 
     def log_ratio(self, codes: Codes) -> npt.NDArray[np.float32]:
         """Map (H, W): positive where the colour is the person's rather than its surroundings'."""
-        return self._table.take(codes)
+        return np.asarray(cv2.LUT(BIN.take(codes), self._ratios), np.float32)

@@ -25,8 +25,9 @@ def channels(grey: npt.NDArray[np.uint8], colour: npt.NDArray[np.float32]) -> Ch
     gx, gy, c2, s2, c4, s4, strength, level, _ = planes
     level[:] = grey
     np.multiply(colour, np.float32(0.5), out=planes[8])
+    flat = level.ravel()  # one long row is faster; what crosses its ends is overwritten
+    np.subtract(flat[2:], flat[:-2], out=gx.ravel()[1:-1])
     gx[:, 0] = gx[:, -1] = gy[0] = gy[-1] = 0.0
-    np.subtract(level[:, 2:], level[:, :-2], out=gx[:, 1:-1])
     np.subtract(level[2:], level[:-2], out=gy[1:-1])
     # not cv2.magnitude: its last bits depend on where in memory the planes happen to lie
     xx, yy = gx * gx, gy * gy

@@ -24,7 +24,7 @@ def places(pixels: Pixels, colour: ColourRatio, size: Array, most: int) -> Array
     reduced = np.asarray(cv2.resize(coarse, small, interpolation=cv2.INTER_AREA), np.uint8)
     w, h = (float(v) for v in size / factor)
     ratio = colour.log_ratio(encode(reduced))
-    score = contrast(ratio, np.ones_like(ratio), w, h)
+    score = contrast(ratio, (slice(0, small[1]), slice(0, small[0])), w, h)
     kernel = np.ones((int(0.5 * h) | 1, int(0.5 * w) | 1), np.uint8)
     peak = (score == cv2.dilate(score, kernel)) & (score > 0.0)
     y, x = np.nonzero(peak)

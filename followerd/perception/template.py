@@ -18,6 +18,7 @@ Power = npt.NDArray[np.float32]
 RIDGE = 0.01  # of the mean power
 LABEL = 0.1  # width of the wanted peak, of the person's size
 BESIDE = 1.2  # of the person's size: what lies farther out has no say about their size
+ONE, NOTHING = np.float32(1.0), np.float32(0.0)
 ANCHOR = 0.2  # share of the slow memory in what leads the particles
 
 
@@ -29,35 +30,32 @@ class Fourier:
         turns = np.outer(np.arange(n), np.arange(n)) / n
         wave = np.exp(-2j * np.pi * turns)
         self._rows: Spectrum = wave.astype(np.complex64)
-        columns = wave[:, : self.half]
-        self._columns = np.hstack([columns.real, columns.imag]).astype(np.float32)
+        # a complex row is read as twice as many real numbers: real, imaginary, real ...
+        self._columns = wave[:, : self.half].astype(np.complex64).view(np.float32)
         self._back: Spectrum = np.conj(self._rows) / np.float32(n * n)
         twice = np.full((self.half, 1), 2.0)  # for the other half of the spectrum
         twice[0] = twice[n - self.half + 1 :] = 1.0
-        self._back_columns = np.vstack([twice * columns.T.real, twice * columns.T.imag])
-        self._back_columns = self._back_columns.astype(np.float32)
+        back = (twice * wave[: self.half]).astype(np.complex64)
+        self._back_columns = np.ascontiguousarray(back.T).view(np.float32).T
         self._fx, self._fy = np.fft.rfftfreq(n), np.fft.fftfreq(n)
         self._fy[n // 2] = 0.0  # the highest frequency has no sign, so no direction to move in
 
     def __call__(self, windows: Channels) -> Spectrum:
         """Spectra (C, n, n // 2 + 1) of windows (C, n, n)."""
-        count = len(windows)
-        product = windows.reshape(-1, self.n) @ self._columns
-        columns = np.empty((count * self.n, self.half), np.complex64)
-        columns.real, columns.imag = product[:, : self.half], product[:, self.half :]
-        spectra: Spectrum = self._rows @ columns.reshape(count, self.n, self.half)
+        columns = (windows.reshape(-1, self.n) @ self._columns).view(np.complex64)
+        spectra: Spectrum = self._rows @ columns.reshape(len(windows), self.n, self.half)
         return spectra
 
     def inverse(self, spectrum: Spectrum) -> Power:
         """Windows (…, n, n) of spectra (…, n, n // 2 + 1)."""
-        rows = self._back @ spectrum
-        window: Power = np.concatenate([rows.real, rows.imag], axis=-1) @ self._back_columns
+        window: Power = (self._back @ spectrum).view(np.float32) @ self._back_columns
         return window
 
     def shift(self, x: float, y: float) -> Spectrum:
         """What multiplies a spectrum (n, n // 2 + 1) when its window moves by (x, y) cells."""
         along, down = np.exp(-2j * np.pi * x * self._fx), np.exp(-2j * np.pi * y * self._fy)
-        return np.outer(down, along).astype(np.complex64)
+        factor: Spectrum = down.astype(np.complex64)[:, None] * along.astype(np.complex64)
+        return factor
 
 
 @dataclass(slots=True)
@@ -69,16 +67,16 @@ class Memory:
 
     def learn(self, numerator: Spectrum, power: Power, rate: float) -> None:
         """Blend in one more view."""
-        self.numerator += np.float32(rate) * (numerator - self.numerator)
-        self.power += np.float32(rate) * (power - self.power)
+        for known, new in ((self.numerator, numerator), (self.power, power)):
+            change = new - known
+            change *= np.float32(rate)
+            known += change
 
     def blended(self, other: "Memory", share: float) -> "Memory":
         """This memory with a share of another one."""
-        own = np.float32(1.0 - share)
-        return Memory(
-            own * self.numerator + np.float32(share) * other.numerator,
-            own * self.power + np.float32(share) * other.power,
-        )
+        mixed = Memory(self.numerator.copy(), self.power.copy())
+        mixed.learn(other.numerator, other.power, share)
+        return mixed
 
     def filter(self) -> Spectrum:
         """The ridge regression's solution."""
@@ -103,6 +101,7 @@ class Template:
         middle = 0.5 * (cells - 1)
         self._at = np.arange(cells, dtype=np.float32)  # columns of a tent's interpolation matrix
         self._steps = (self._at - np.float32(middle))[:, None]  # its rows
+        self._spreads: dict[tuple[float, ...], Power] = {}  # from cell to cell, by zooms
         peak = np.exp(-0.5 * (self._steps[:, 0] / (LABEL * sqrt(body[0] * body[1]))) ** 2)
         self._label = self._fourier(np.outer(peak, peak).astype(np.float32)[None])[0]
         # what lies beside the person does not grow with them
@@ -143,23 +142,34 @@ class Template:
         everywhere = (self._anchor * spectrum).sum(axis=0)
         count = self._cells**2
         mean = float(everywhere[0, 0].real) / count
-        energy = _power(everywhere)
-        total = 2.0 * float(energy.sum()) - float(energy[:, 0].sum() + energy[:, -1].sum())
+        ends = everywhere[:, :: self._cells // 2]  # all others stand for two frequencies
+        total = 2.0 * float(np.vdot(everywhere, everywhere).real) - float(np.vdot(ends, ends).real)
         variance = total / count**2 - mean * mean
         outstanding: float = (answer - mean) / sqrt(max(variance, 1e-12))
         return outstanding
 
-    def slow_answer(self, channels: Channels, offset: tuple[float, float], zoom: float) -> float:
-        """The slow memory's answer at `offset` cells (x, y) off the middle if the window were
-        `zoom` times as large; cells are interpolated instead of cutting the window anew."""
+    def slow_answers(
+        self, channels: Channels, offset: tuple[float, float], zooms: tuple[float, ...]
+    ) -> list[float]:
+        """The slow memory's answers at `offset` cells (x, y) off the middle if the window were
+        each of `zooms` times as large; cells are interpolated instead of cutting it anew."""
+        spread = self._spreads.get(zooms)
+        if spread is None:
+            spread = np.array([zoom * self._steps - self._at for zoom in zooms])
+            self._spreads[zooms] = spread
         middle = 0.5 * (self._cells - 1)
-        at = np.array([[[middle + offset[0]]], [[middle + offset[1]]]], np.float32)
-        apart = at + (zoom * self._steps - self._at)
+        at = np.array([[[[middle + offset[0]]]], [[[middle + offset[1]]]]], np.float32)
+        apart = at + spread
         np.abs(apart, out=apart)
-        columns, rows = np.maximum(np.float32(1.0) - apart, np.float32(0.0))
-        kernel = self._kernel if zoom == 1.0 else self._body_kernel
-        narrow = channels.reshape(-1, self._cells) @ columns.T  # one product for all channels
-        return float(np.vdot(kernel, rows @ narrow.reshape(channels.shape)))
+        np.subtract(ONE, apart, out=apart)
+        columns, rows = np.maximum(apart, NOTHING, out=apart)  # (zooms, cells, cells)
+        flat = channels.reshape(-1, self._cells)
+        answers = []
+        for zoom, across, down in zip(zooms, columns, rows, strict=True):
+            kernel = self._kernel if zoom == 1.0 else self._body_kernel
+            narrow = (flat @ across.T).reshape(channels.shape)  # one product for all channels
+            answers.append(float(np.vdot(kernel, down @ narrow)))
+        return answers
 
     def _lesson(self, spectrum: Spectrum, offset: tuple[float, float]) -> tuple[Spectrum, Power]:
         label = self._label * self._fourier.shift(*offset)
