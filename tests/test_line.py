@@ -20,6 +20,7 @@ class Beacon:
     def __init__(self, burst: bytes = b"", period: float = inf, baud: int = 9600) -> None:
         self.baud = baud
         self.heard: list[Received] = []
+        self.reboots: list[float] = []
         self._burst = burst
         self._period = period
         self._next = period
@@ -38,6 +39,9 @@ class Beacon:
 
     def wake_at(self) -> float:
         return self._next
+
+    def reboot(self, now: float) -> None:
+        self.reboots.append(now)
 
 
 def rng(seed: int = 0) -> np.random.Generator:
@@ -275,5 +279,51 @@ def test_a_delayed_burst_crosses_later() -> None:
     async def host() -> None:
         stream = await line.link.open("laser", 9600)
         assert (await stream.read()).stamp == pytest.approx(0.8 + 10 / 9600)
+
+    on_line(line, host)
+
+
+def test_a_reboot_takes_the_power_and_gives_it_back() -> None:
+    twin = Beacon(b"tick", 0.1)
+    line = Line(twin, rng(), "laser", faults=(Fault.parse("laser:reboot@1s+2s"),))
+
+    async def host() -> None:
+        stream = await line.link.open("laser", 9600)
+        stamps = [(await stream.read()).stamp for _ in range(20)]
+        assert not [stamp for stamp in stamps if 1.01 < stamp < 2.99]
+        assert twin.reboots == pytest.approx([1.0, 3.0])
+
+    on_line(line, host)
+
+
+def test_a_fault_can_come_while_the_line_runs() -> None:
+    line = Line(Beacon(b"tick", 0.1), rng(), "laser")
+
+    async def host() -> None:
+        stream = await line.link.open("laser", 9600)
+        await clock.sleep(2.0)
+        line.inject(Fault.parse("laser:disconnect+1s", line.elapsed))
+        with pytest.raises(LinkLost):
+            await read_for_ever(stream)
+        assert clock.now() == pytest.approx(2.0)
+        with pytest.raises(OpenError):
+            await line.link.open("laser", 9600)
+        await clock.sleep(1.1)
+        assert (await (await line.link.open("laser", 9600)).read()).data == b"tick"
+
+    on_line(line, host)
+
+
+def test_cables_pulled_twice_come_back_when_the_last_fault_is_over() -> None:
+    both = (Fault.parse("laser:disconnect@1s+3s"), Fault.parse("laser:disconnect@2s+4s"))
+    line = Line(Beacon(), rng(), "laser", faults=both)
+
+    async def host() -> None:
+        seen = []
+        for _ in range(7):
+            await clock.sleep(1.0)
+            await clock.sleep(0)
+            seen.append(line.plugged)
+        assert seen == [False, False, False, False, False, True, True]
 
     on_line(line, host)

@@ -1,6 +1,7 @@
 """Links to real ports: a pty and a socket stand in for them."""
 
 import asyncio
+import fcntl
 import os
 import pty
 import socket
@@ -8,6 +9,8 @@ import sys
 import termios
 import tty
 from collections.abc import Iterator
+from contextlib import suppress
+from math import inf
 from pathlib import Path
 
 import pytest
@@ -16,6 +19,8 @@ from followerd import clock
 from followerd.errors import ConfigError, LinkLost, OpenError, SetupError
 from followerd.hw.serial import PortStream, open_link
 from followerd.hw.stream import ByteStream
+
+TIOCGEXCL = 0x80045440  # asm-generic/ioctls.h
 
 
 class Pty:
@@ -47,21 +52,38 @@ async def read_exactly(stream: ByteStream, count: int) -> bytes:
     return data
 
 
-async def test_bytes_go_both_ways_over_a_pty(wire: Pty) -> None:
+async def echo_times(wire: Pty, trips: int) -> list[float]:
+    """Seconds from writing 32 bytes to having their echo, in order of length."""
     stream = await open_link(wire.path).open("base", 9600)
     loop = asyncio.get_running_loop()
     loop.add_reader(wire.master, lambda: os.write(wire.master, os.read(wire.master, 4096)))
-    trips = []
-    for n in range(200):
-        telegram = bytes([n] * 32)
+    times = []
+    for n in range(trips):
+        telegram = bytes([n % 256] * 32)
         start = clock.now()
         stream.write(telegram)
         await stream.drain()
         assert await read_exactly(stream, 32) == telegram
-        trips.append(clock.now() - start)
-    sys.stdout.write(f"echo of 32 bytes over a pty: p50 {1e6 * sorted(trips)[100]:.0f} us\n")
+        times.append(clock.now() - start)
     loop.remove_reader(wire.master)
     stream.close()
+    return sorted(times)
+
+
+async def test_bytes_go_both_ways_over_a_pty(wire: Pty) -> None:
+    assert len(await echo_times(wire, 50)) == 50
+
+
+@pytest.mark.slow
+async def test_a_round_trip_over_a_pty_takes_60_microseconds_at_most(wire: Pty) -> None:
+    best = inf
+    for _ in range(20):  # other work on this computer makes single runs slower
+        p50 = (await echo_times(wire, 1000))[500]
+        sys.stdout.write(f"echo of 32 bytes over a pty: p50 {1e6 * p50:.0f} us\n")
+        if (best := min(best, p50)) <= 60e-6:
+            break
+        await clock.sleep(0.5)
+    assert best <= 60e-6
 
 
 async def test_received_bytes_carry_the_loop_time_of_their_arrival(wire: Pty) -> None:
@@ -93,6 +115,78 @@ async def test_a_rate_the_port_cannot_do_is_said(wire: Pty) -> None:
     stream = await open_link(wire.path).open("laser", 9600)
     with pytest.raises(SetupError, match=r"laser: .* cannot do -5 baud .*; use another adapter"):
         stream.set_baud(-5)
+    stream.close()
+
+
+@pytest.fixture
+def adapter(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """What is asked of an adapter that can do everything: the ioctl requests."""
+    asked: list[int] = []
+
+    def ioctl(fd: int, request: int, *more: object) -> None:
+        asked.append(request)
+
+    monkeypatch.setattr("fcntl.ioctl", ioctl)
+    monkeypatch.setattr("followerd.hw.serial.PTY_MAJORS", range(0))
+    return asked
+
+
+async def test_dtr_stays_up_so_that_the_laser_keeps_its_power(
+    wire: Pty, adapter: list[int]
+) -> None:
+    def drops_at_the_end() -> bool:
+        return bool(termios.tcgetattr(wire.master)[2] & termios.HUPCL)
+
+    mode = termios.tcgetattr(wire.master)
+    mode[2] |= termios.HUPCL
+    termios.tcsetattr(wire.master, termios.TCSANOW, mode)
+    stream = await open_link(wire.path).open("base", 9600)
+    assert not drops_at_the_end()
+    stream.set_baud(500000)
+    assert not drops_at_the_end()
+    stream.close()
+    assert not drops_at_the_end()
+    assert termios.TIOCMBIS in adapter
+    assert not {termios.TIOCMBIC, termios.TIOCMSET} & set(adapter)
+
+
+async def test_a_real_port_is_closed_to_programs_that_know_no_locks(
+    wire: Pty, adapter: list[int]
+) -> None:
+    (await open_link(wire.path).open("base", 9600)).close()
+    assert termios.TIOCEXCL in adapter
+
+
+async def test_an_adapter_is_asked_for_low_latency(wire: Pty, adapter: list[int]) -> None:
+    (await open_link(wire.path).open("base", 9600)).close()
+    assert termios.TIOCSSERIAL in adapter
+
+
+@pytest.mark.parametrize("first", [True, False])
+async def test_bytes_that_another_program_took_are_no_hang_up(wire: Pty, first: bool) -> None:
+    loop = asyncio.get_running_loop()
+    other = os.open(wire.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    taken: list[bytes] = []
+    if first:
+        loop.add_reader(other, lambda: taken.append(os.read(other, 1)))
+    stream = await open_link(wire.path).open("base", 9600)
+    if not first:
+        loop.add_reader(other, lambda: taken.append(os.read(other, 1)))
+    for _ in range(20):
+        os.write(wire.master, b"x")
+        await clock.sleep(0.001)
+    loop.remove_reader(other)
+    os.write(wire.master, b"y")
+    assert b"y" in (await read_exactly(stream, 21 - len(b"".join(taken))))
+    stream.close()
+    os.close(other)
+
+
+async def test_a_pty_stays_open_to_others_for_nobody_would_take_the_mark_off(wire: Pty) -> None:
+    stream = await open_link(wire.path).open("base", 9600)
+    slave = os.open(wire.path, os.O_RDWR | os.O_NOCTTY)
+    assert not int.from_bytes(fcntl.ioctl(slave, TIOCGEXCL, bytes(4)), sys.byteorder)
+    os.close(slave)
     stream.close()
 
 
@@ -174,6 +268,24 @@ async def test_queued_bytes_follow_when_the_port_takes_them_again(wire: Pty) -> 
         except BlockingIOError:
             await clock.sleep(0.001)
     await draining
+    stream.close()
+
+
+async def test_everybody_who_waits_for_a_port_is_told_also_when_one_gives_up(wire: Pty) -> None:
+    os.set_blocking(wire.master, False)
+    stream = await open_link(wire.path).open("base", 9600)
+    while stream_has_no_queue(stream):
+        stream.write(bytes(1000))
+    waiting = [asyncio.create_task(stream.drain()) for _ in range(3)]
+    await clock.sleep(0)
+    waiting[1].cancel()
+    while not stream_has_no_queue(stream):
+        await clock.sleep(0)
+        with suppress(BlockingIOError):
+            os.read(wire.master, 65536)
+    assert await clock.within(1.0, asyncio.wait([waiting[0], waiting[2]])) is not None
+    assert waiting[0].exception() is None
+    assert waiting[2].exception() is None
     stream.close()
 
 

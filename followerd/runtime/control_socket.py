@@ -7,6 +7,7 @@ Request `{"do": "arm"}` or `{"do": "enrol", "region": [x, y, w, h], "frame": 12}
 import asyncio
 import json
 import os
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ ACTIONS = {
     "stop": Action.STOP,
     "clear": Action.CLEAR,
 }
+Reply = Callable[[bytes], Awaitable[dict[str, Any]]]  # one line in, one JSON object out
 REQUESTS = ("status", "enrol", *ACTIONS)
 
 
@@ -36,6 +38,11 @@ def default_path() -> Path:
 
 async def serve(daemon: Daemon, path: Path) -> None:
     """Answer requests until cancelled. Raises DeviceError when another daemon holds the socket."""
+    await listen(path, lambda line: answer(daemon, line))
+
+
+async def listen(path: Path, reply: Reply) -> None:
+    """Give each line that comes to the socket `path` its answer; raises DeviceError as `serve`."""
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     if path.exists():
         if not path.is_socket():
@@ -48,8 +55,10 @@ async def serve(daemon: Daemon, path: Path) -> None:
     old_mask = os.umask(0o177)
     try:
         server = await asyncio.start_unix_server(
-            lambda reader, writer: _converse(daemon, reader, writer), path, limit=LONGEST_REQUEST
+            lambda reader, writer: _converse(reply, reader, writer), path, limit=LONGEST_REQUEST
         )
+    except OSError as error:
+        raise DeviceError("control socket", f"{path}: {error}", "choose another place") from error
     finally:
         os.umask(old_mask)
     try:
@@ -59,19 +68,21 @@ async def serve(daemon: Daemon, path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-async def ask(path: Path, request: dict[str, Any]) -> dict[str, Any]:
-    """Send one request and return the answer; raises DeviceError when no daemon listens."""
+async def ask(
+    path: Path, request: dict[str, Any], who: str = "daemon", command: str = "followerd run"
+) -> dict[str, Any]:
+    """Send one request and return the answer; raises DeviceError when nobody listens."""
     try:
         reader, writer = await asyncio.open_unix_connection(path)
     except OSError as error:
         raise DeviceError(
-            "daemon", f"nobody listens at {path} ({error.strerror})", "is `followerd run` running?"
+            who, f"nobody listens at {path} ({error.strerror})", f"is `{command}` running?"
         ) from None
     writer.write(json.dumps(request).encode() + b"\n")
     line = await clock.within(5.0, reader.readline())
     writer.close()
     if not line:
-        raise DeviceError("daemon", f"no answer at {path}", "restart it")
+        raise DeviceError(who, f"no answer at {path}", "restart it")
     answer: dict[str, Any] = json.loads(line)
     return answer
 
@@ -132,11 +143,11 @@ async def _alive(path: Path) -> bool:
 
 
 async def _converse(
-    daemon: Daemon, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    reply: Reply, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
 ) -> None:
     try:
         while line := await reader.readline():
-            writer.write(json.dumps(await answer(daemon, line)).encode() + b"\n")
+            writer.write(json.dumps(await reply(line)).encode() + b"\n")
             await writer.drain()
     except (ValueError, ConnectionError):  # a line longer than the limit, or a caller gone
         pass

@@ -1,11 +1,12 @@
 """Faults of a twin's line: what happens to the bytes that leave a device, for a while.
 
-The names follow PX4's failure injection (see FAILSAFES). These are the byte-level ones: a fault
-knows bursts (what a twin sends at one moment, usually one telegram) but not their meaning, so
-`wrong` cannot mend a checksum and `reboot` cannot forget the device's settings.
+The names follow PX4's failure injection (see FAILSAFES). A fault knows bursts (what a twin sends
+at one moment, usually one telegram) but not their meaning: who builds the line passes the function
+that mends a burst's checksums, so that `wrong` reaches the checks behind them.
 """
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
@@ -13,21 +14,24 @@ import numpy as np
 
 from followerd.errors import UsageError
 
-HIT = 0.2  # share of bursts hurt by drop, flip, duplicate and wrong
+DEVICES = ("robot", "laser", "camera", "ptz")
+ALIASES = {"base": "robot"}  # as the config calls it
 LATE = 0.3  # s, how much later `delay` and `slow` deliver
 SLOWER = 4  # `slow` lets one burst of this many through
 PAUSE = 0.03  # s, longest gap between the pieces of `split`
+RUN = 16  # bytes, longest run that `wrong` changes
 
+Mend = Callable[[bytes], bytes]  # the burst with its telegrams' checksums made right
 Pieces = list[tuple[float, bytes]]  # (s, when it may leave; bytes)
 
 
 class FaultKind(Enum):
     """What goes wrong."""
 
-    OFF = "off"  # no power: silent and deaf
+    OFF = "off"  # silent and deaf, and then goes on as if nothing had been
     STUCK = "stuck"  # says the same for ever
     GARBAGE = "garbage"  # random bytes
-    WRONG = "wrong"  # some bytes changed
+    WRONG = "wrong"  # says something else, with valid checksums
     SLOW = "slow"  # few bursts, and late
     DROP = "drop"  # some bytes missing
     FLIP = "flip"  # one bit turned
@@ -35,11 +39,18 @@ class FaultKind(Enum):
     SPLIT = "split"  # a burst in pieces, with pauses
     DELAY = "delay"  # everything late
     DISCONNECT = "disconnect"  # cable pulled
-    REBOOT = "reboot"  # silent and deaf while it starts
+    REBOOT = "reboot"  # no power, and then it starts anew
 
 
-CUTS_CABLE = FaultKind.DISCONNECT
 DEAF = (FaultKind.OFF, FaultKind.REBOOT)
+PULLS = (FaultKind.DISCONNECT, FaultKind.REBOOT)
+SOMETIMES = dict.fromkeys(
+    (FaultKind.WRONG, FaultKind.DROP, FaultKind.FLIP, FaultKind.DUPLICATE), 0.2
+)  # share of bursts that are hurt; all others hurt every one
+PATTERN = re.compile(
+    r"(?P<device>[a-z_]+):(?P<name>[a-z]+)"
+    r"(?:@(?P<start>\d+(?:\.\d+)?)s?)?\+(?P<length>\d+(?:\.\d+)?)s?"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,20 +61,30 @@ class Fault:
     kind: FaultKind
     start: float  # s
     length: float  # s
+    share: float | None = None  # of bursts that are hurt; None = what is usual
 
     @classmethod
-    def parse(cls, text: str) -> "Fault":
-        """From `DEVICE:NAME@START+LENGTH` (s); raises UsageError."""
-        match = re.fullmatch(r"([a-z_]+):([a-z]+)@(\d+(?:\.\d+)?)\+(\d+(?:\.\d+)?)", text)
-        if match is None:
+    def parse(cls, text: str, now: float | None = None) -> "Fault":
+        """From `DEVICE:NAME@STARTs+LENGTHs`; raises UsageError.
+
+        Without a start it begins `now`, where there is one.
+        """
+        match = PATTERN.fullmatch(text)
+        if match is None or (match["start"] is None and now is None):
             raise UsageError(
-                f"fault {text!r}: expected DEVICE:NAME@START+LENGTH in seconds, e.g. laser:off@10+5"
+                f"fault {text!r}: expected DEVICE:NAME@STARTs+LENGTHs, e.g. laser:off@10s+5s"
+                + ("" if now is None else ", or laser:off+5s for now")
             )
-        device, name, start, length = match.groups()
-        known = [kind.value for kind in FaultKind]
-        if name not in known:
-            raise UsageError(f"fault {text!r}: no fault {name!r}; there are {', '.join(known)}")
-        return cls(device, FaultKind(name), float(start), float(length))
+        kinds = [kind.value for kind in FaultKind]
+        if match["name"] not in kinds:
+            known = ", ".join(kinds)
+            raise UsageError(f"fault {text!r}: no fault {match['name']!r}; there are {known}")
+        device = ALIASES.get(match["device"], match["device"])
+        if device not in DEVICES:
+            known = ", ".join(DEVICES)
+            raise UsageError(f"fault {text!r}: no device {device!r}; there are {known}")
+        start = now if match["start"] is None else float(match["start"])
+        return cls(device, FaultKind(match["name"]), start or 0.0, float(match["length"]))
 
     @property
     def end(self) -> float:
@@ -74,15 +95,32 @@ class Fault:
         """Whether it holds `elapsed` seconds after the start."""
         return self.start <= elapsed < self.end
 
+    @property
+    def events(self) -> list[tuple[float, FaultKind]]:
+        """When (s) it pulls and puts back the cable or the power."""
+        return [(time, self.kind) for time in (self.start, self.end) if self.kind in PULLS]
+
+    @property
+    def hit(self) -> float:
+        """Share of bursts that are hurt."""
+        return SOMETIMES.get(self.kind, 1.0) if self.share is None else self.share
+
 
 class Damage:
     """Does `faults` to the bursts of one device; pure but for its generator and memory."""
 
-    def __init__(self, faults: tuple[Fault, ...], rng: np.random.Generator) -> None:
-        self._faults = faults
+    def __init__(
+        self, faults: tuple[Fault, ...], rng: np.random.Generator, mend: Mend = bytes
+    ) -> None:
+        self._faults = list(faults)
         self._rng = rng
+        self._mend = mend
         self._last = b""  # the newest burst before a fault began
         self._count = 0
+
+    def add(self, fault: Fault) -> None:
+        """One more fault."""
+        self._faults.append(fault)
 
     def is_deaf(self, elapsed: float) -> bool:
         """Whether the device hears nothing now."""
@@ -90,25 +128,23 @@ class Damage:
 
     def is_cut(self, elapsed: float) -> bool:
         """Whether the cable is out now."""
-        return any(f.kind is CUTS_CABLE and f.active(elapsed) for f in self._faults)
-
-    def cable_changes(self) -> list[float]:
-        """When the cable is pulled or put back, s."""
-        cuts = [f for f in self._faults if f.kind is CUTS_CABLE]
-        return sorted({time for f in cuts for time in (f.start, f.end)})
+        return any(f.kind is FaultKind.DISCONNECT and f.active(elapsed) for f in self._faults)
 
     def apply(self, burst: bytes, elapsed: float) -> Pieces:
         """What leaves instead of `burst`, in order; times count like `elapsed`."""
         pieces = [(elapsed, burst)]
-        active = [f.kind for f in self._faults if f.active(elapsed)]
+        active = [f for f in self._faults if f.active(elapsed)]
         if not active:
             self._last = burst
         self._count += 1
-        for kind in active:
-            pieces = [hurt for piece in pieces for hurt in self._hurt(kind, *piece)]
+        for fault in active:
+            if fault.hit == 1.0 or self._rng.random() < fault.hit:
+                pieces = [hurt for piece in pieces for hurt in self._hurt(fault.kind, *piece)]
         return pieces
 
     def _hurt(self, kind: FaultKind, time: float, data: bytes) -> Pieces:
+        if not data:  # another fault took all
+            return []
         match kind:
             case FaultKind.OFF | FaultKind.REBOOT | FaultKind.DISCONNECT:
                 return []
@@ -122,23 +158,31 @@ class Damage:
                 return [(time + LATE, data)]
             case FaultKind.SPLIT:
                 return self._split(time, data)
-            case _:
-                return [(time, piece) for piece in self._sometimes(kind, data)]
+            case FaultKind.DUPLICATE:
+                return [(time, data), (time, data)]
+            case FaultKind.DROP:
+                return [(time, self._shortened(data))]
+            case FaultKind.FLIP:
+                return [(time, self._flipped(data))]
+            case FaultKind.WRONG:
+                return [(time, self._mend(self._changed(data)))]
 
-    def _sometimes(self, kind: FaultKind, data: bytes) -> list[bytes]:
-        if not data or self._rng.random() >= HIT:
-            return [data]
+    def _shortened(self, data: bytes) -> bytes:
         first = int(self._rng.integers(len(data)))
-        if kind is FaultKind.DUPLICATE:
-            return [data, data]
-        if kind is FaultKind.DROP:
-            return [data[:first] + data[int(self._rng.integers(first, len(data))) + 1 :]]
-        hurt = bytearray(data)
-        if kind is FaultKind.FLIP:
-            hurt[first] ^= 1 << int(self._rng.integers(8))
-        else:
-            hurt[first] = (hurt[first] + int(self._rng.integers(1, 256))) % 256
-        return [bytes(hurt)]
+        return data[:first] + data[int(self._rng.integers(first, len(data))) + 1 :]
+
+    def _flipped(self, data: bytes) -> bytes:
+        bit = int(self._rng.integers(8 * len(data)))
+        flipped = bytearray(data)
+        flipped[bit // 8] ^= 1 << bit % 8
+        return bytes(flipped)
+
+    def _changed(self, data: bytes) -> bytes:
+        """With a run of bytes that are anything, zero, or all ones."""
+        first = int(self._rng.integers(len(data)))
+        count = min(int(self._rng.integers(1, RUN + 1)), len(data) - first)
+        instead = (self._rng.bytes(count), bytes(count), b"\xff" * count)
+        return data[:first] + instead[int(self._rng.integers(3))] + data[first + count :]
 
     def _split(self, time: float, data: bytes) -> Pieces:
         cuts = sorted(int(c) for c in self._rng.integers(0, len(data) + 1, 2))

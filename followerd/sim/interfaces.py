@@ -58,3 +58,6 @@ class Twin(Protocol):
 
     def wake_at(self) -> float:
         """Loop time at which `step` is due next; inf = not by itself."""
+
+    def reboot(self, now: float) -> None:
+        """Lose power and start anew: settings that are not kept, a session, a motion are gone."""

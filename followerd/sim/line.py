@@ -9,15 +9,16 @@ latency timer makes the chunks shorter.
 import asyncio
 from collections import deque
 from math import inf
+from operator import itemgetter
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from followerd import clock
 from followerd.errors import LinkLost, OpenError
-from followerd.hw.inbox import CHUNKS, Inbox
+from followerd.hw.inbox import CHUNKS, ByteInbox
 from followerd.hw.stream import Link, Received
-from followerd.sim.faults import Damage, Fault
+from followerd.sim.faults import Damage, Fault, FaultKind, Mend
 from followerd.sim.interfaces import Twin
 
 BITS_PER_BYTE = 10  # start, 8 data, stop
@@ -59,6 +60,7 @@ class Line:
         name: str,
         chunk: int = 62,
         faults: tuple[Fault, ...] = (),
+        mend: Mend = bytes,
     ) -> None:
         self.name = name
         self._twin = twin
@@ -71,9 +73,9 @@ class Line:
         self._twin_free = 0.0
         self._host_rate = twin.baud
         self._plugged = True
-        self._damage = Damage(faults, rng)
-        self._start = 0.0  # s, when `run` began; faults count from there
-        self._cable_changes = deque(self._damage.cable_changes())
+        self._damage = Damage(faults, rng, mend)
+        self._start = 0.0  # s, when `run` began
+        self._events = sorted((e for f in faults for e in f.events), key=itemgetter(0))
         self._timer: asyncio.TimerHandle | None = None
         self._failed: asyncio.Future[None] | None = None  # while it runs
         self.link: Link = MemoryLink(self)
@@ -104,6 +106,17 @@ class Line:
         """Bytes from the host that still wait or cross."""
         return max(0.0, self._host_free - clock.now()) * self._host_rate / BITS_PER_BYTE
 
+    @property
+    def elapsed(self) -> float:
+        """Seconds since `run` began; faults count from there."""
+        return clock.now() - self._start
+
+    def inject(self, fault: Fault) -> None:
+        """One more fault, while it runs."""
+        self._damage.add(fault)
+        self._events = sorted((*self._events, *fault.events), key=itemgetter(0))
+        self._set_timer()
+
     def transmit(self, data: bytes, baud: int | None) -> None:
         """Bytes that the host starts to send now; whoever calls keeps `backlog` below OUT_QUEUE."""
         if self._plugged and data:
@@ -132,17 +145,14 @@ class Line:
             due = min(due, self._to_twin[0].due)
         if self._to_host:
             due = min(due, self._to_host[0].due)
-        if self._cable_changes:
-            due = min(due, self._start + self._cable_changes[0])
+        if self._events:
+            due = min(due, self._start + self._events[0][0])
         return due
 
     def _advance(self, now: float) -> None:
         horizon = now + RESOLUTION
-        while self._cable_changes and self._start + self._cable_changes[0] <= horizon:
-            if self._damage.is_cut(self._cable_changes.popleft()):
-                self.unplug()
-            else:
-                self.replug()
+        while self._events and self._start + self._events[0][0] <= horizon:
+            self._undergo(*self._events.pop(0), now)
         while self._to_host and self._to_host[0].due <= horizon:
             self._hand_to_host(self._to_host.popleft(), now)
         received = False
@@ -155,6 +165,15 @@ class Line:
             self._send(self._twin.step(now), now)
             if self._twin.wake_at() <= now:
                 raise RuntimeError(f"{self.name}: the twin's step at {now} s left work undone")
+
+    def _undergo(self, elapsed: float, kind: FaultKind, now: float) -> None:
+        """Cable or power go or come back."""
+        if kind is FaultKind.REBOOT:
+            self._twin.reboot(now)
+        elif self._plugged and self._damage.is_cut(elapsed):
+            self.unplug()
+        elif not self._plugged and not self._damage.is_cut(elapsed):
+            self.replug()
 
     def _send(self, burst: bytes, now: float) -> None:
         if not burst or not self._plugged:
@@ -235,11 +254,11 @@ class MemoryStream:
         self.baud: int | None = baud
         self._line = line
         self._device = device
-        self._inbox: Inbox[Received] = Inbox(CHUNKS)
+        self._inbox = ByteInbox(CHUNKS)
 
-    async def read(self) -> Received:
+    async def read(self, at_least: int = 1) -> Received:
         """The next chunk; raises LinkLost when unplugged or closed."""
-        return await self._inbox.get()
+        return await self._inbox.take(at_least)
 
     def write(self, data: bytes) -> None:
         """Start to send; raises LinkLost when unplugged, closed or stuck."""
