@@ -196,10 +196,12 @@ class TrackState:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where another sensor than the camera sees the followed person."""
+    """Where another sensor than the camera sees, or expects, the followed person."""
 
     distance: float  # m, from `base` on the ground
     bearing: float  # rad in `base`, left positive
+    sigma: float = 0.0  # m, of either
+    seen: bool = True  # False: hidden by somebody, where they should be by now
 
 
 class StopReason(Enum):

@@ -1,6 +1,6 @@
 """The `default` profile: soft colour and a template weigh the particles, and say who is there."""
 
-from math import cos, exp, sin, sqrt
+from math import cos, exp, hypot, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -40,6 +40,9 @@ class Expected(NamedTuple):
     column: float  # px
     row: float  # px
     distance: float  # m
+    aside: float  # px, deviation of the column
+    above: float  # px, deviation of the row
+    seen: bool  # False: foreseen only
 
 
 class DefaultProfile:
@@ -88,7 +91,11 @@ class DefaultProfile:
             if depth > 0.0:
                 column = camera.cx + camera.fx * right / depth
                 row = camera.cy + camera.fy * down / depth
-                self._expected = Expected(column + 0.5, row + 0.5, place.distance)
+                aside = place.sigma * camera.fx / depth
+                above = place.sigma / place.distance * max(0.0, row - camera.horizon)
+                self._expected = Expected(
+                    column + 0.5, row + 0.5, place.distance, aside, above, place.seen
+                )
 
     def look(self, image: Image, hybrid: HybridFilter, dt: float) -> Sighting:
         """One image; `hybrid` was predicted to it `dt` seconds on."""
@@ -144,7 +151,9 @@ class DefaultProfile:
             logs += ANSWER_TRUST * answers
         if self._expected is not None:
             column, row = self._middle(self._expected, hybrid)
-            off = (hybrid.particles[:, :2] - (column, row)) / (hybrid.size[:2] * (ASIDE, ABOVE))
+            aside = hypot(ASIDE * hybrid.size[0], self._expected.aside)
+            above = hypot(ABOVE * hybrid.size[1], self._expected.above)
+            off = (hybrid.particles[:, :2] - (column, row)) / (aside, above)
             logs -= 0.5 * np.minimum((off * off).sum(axis=1), FAR_OFF)
         hybrid.update_soft(logs, self._estimator)
 
@@ -167,6 +176,8 @@ class DefaultProfile:
         """Whether the person stands where the other sensor, if any, sees them."""
         if self._expected is None:
             return True
+        if not self._expected.seen:
+            return False
         column, row = self._middle(self._expected, hybrid)
         aside, above = abs(hybrid.state[0] - column), abs(hybrid.state[1] - row)
         return bool(aside < LEARN_ASIDE * hybrid.size[0] and above < LEARN_ABOVE * hybrid.size[1])
@@ -179,7 +190,7 @@ class DefaultProfile:
 
     def _stand(self, hybrid: HybridFilter) -> None:
         """Size is inverse to distance; the first sure sight says how large the person is."""
-        if self._expected is None:
+        if self._expected is None or not (self._expected.seen or self._metric_size):
             return
         if self._foot is None:
             foot = float(hybrid.state[1] + 0.5 * hybrid.size[1])
