@@ -30,6 +30,8 @@ LEARN_ASIDE, LEARN_ABOVE = 0.25, 0.15  # of width and height: farther off nothin
 BACKED = 0.65  # share of the usual likeness that suffices where the other sensor agrees
 LOST_BACKED_AFTER = 2.0  # s of not being sure, while it goes on seeing the person
 SAME_PERSON = 1.3  # ratio of sizes beyond which a distance is somebody else's
+USUAL = 1.5  # s, over which the size is averaged
+SIZES = 1.0, 1.4, 0.7  # of that, at which a lost person is looked for
 LEAST_SIZE, LARGEST_SIZE = 0.12, 5.0  # of the size when enrolled
 OUTSIDE = 0.2  # of the height, that a box's centre may lie above or below the image
 
@@ -77,7 +79,9 @@ class DefaultProfile:
         self._backed = False  # another sensor sees the person at the same place
         self._turn = 0
         self._unlearnt = np.zeros(2)  # s since the template, the colour were learnt
-        self._suspects: list[Array] = []  # places not yet looked at
+        self._suspects: list[Array] = []  # boxes not yet looked at
+        self._attempt = 0
+        self._usual = sqrt(box.w * box.h)  # px, size averaged while sure
         self._expected: Expected | None = None
         self._foot: float | None = None  # of the height: box's lower edge under the ground point
 
@@ -121,6 +125,8 @@ class DefaultProfile:
         if self._confidence() >= 0.5:
             self._sure, self._unsure = self._sure + dt, 0.0
             self._stand(hybrid)
+            size = sqrt(hybrid.size[0] * hybrid.size[1])
+            self._usual *= (size / self._usual) ** (1.0 - exp(-dt / USUAL))
             if _reach(looks, LEARN) and self._looks[1] >= LEARN[1] and self._is_expected(hybrid):
                 self._learn(hybrid, view, place, dt)
         else:
@@ -210,10 +216,13 @@ class DefaultProfile:
     def _search(self, image: Image, hybrid: HybridFilter) -> None:
         """Look at one more suspicious place a frame; move there if it is the enrolled person."""
         if not self._suspects:
-            self._suspects = list(self._appearance.places(image.pixels, hybrid.size[:2], 4))
+            self._attempt = (self._attempt + 1) % len(SIZES)
+            size = SIZES[self._attempt] * self._usual * self._shape
+            places = self._appearance.places(image.pixels, size, 4)
+            self._suspects = [np.concatenate([place, size]) for place in places]
         if not self._suspects:
             return
-        box = np.concatenate([self._suspects.pop(0), hybrid.size[:2]])
+        box = self._suspects.pop(0)
         view = self._appearance.view(image.pixels, box)
         for peak in self._appearance.peaks(view, 1):
             looks = self._compare(view, peak)
