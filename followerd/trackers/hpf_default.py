@@ -29,6 +29,8 @@ FAR_OFF = 40.0  # squared deviations beyond which it is doubted rather than beli
 LEARN_ASIDE, LEARN_ABOVE = 0.25, 0.15  # of width and height: farther off nothing is learnt
 BACKED = 0.65  # share of the usual likeness that suffices where the other sensor agrees
 LOST_BACKED_AFTER = 2.0  # s of not being sure, while it goes on seeing the person
+TURNING = 0.6  # colour score of a person who turns and whose shape is not known yet
+LOST_TURNING_AFTER = 3.0  # s of not being sure, while it lasts
 SAME_PERSON = 1.3  # ratio of sizes beyond which a distance is somebody else's
 USUAL = 1.5  # s, over which the size is averaged
 SIZES = 1.0, 1.4, 0.7  # of that, at which a lost person is looked for
@@ -75,6 +77,7 @@ class DefaultProfile:
         self._enrolled = sqrt(box.w * box.h)  # px
         self._metric_size: float | None = None  # px at 1 m
         self._looks = [1.0, 1.0]  # likeness and identity, averaged
+        self._colour = 1.0  # score, averaged
         self._sure = self._unsure = 0.0  # s
         self._backed = False  # another sensor sees the person at the same place
         self._turn = 0
@@ -119,6 +122,8 @@ class DefaultProfile:
         self._weigh(hybrid, view)
         place = view.window.to_window(hybrid.state[None, :2])[0]
         looks = self._compare(view, place)
+        colour = float(self._appearance.colour(view, place[None])[0])
+        self._colour += (1.0 - exp(-dt / NOTICE[1])) * (colour - self._colour)
         for i, notice in enumerate(NOTICE):
             self._looks[i] += (1.0 - exp(-dt / notice)) * (looks[i] - self._looks[i])
         self._backed = self._expected is not None and self._is_expected(hybrid)
@@ -235,7 +240,11 @@ class DefaultProfile:
                 self._suspects = []
 
     def _phase(self, hybrid: HybridFilter, image: Image) -> TrackPhase:
-        patience = LOST_AFTER if self._expected is None else LOST_BACKED_AFTER
+        patience = LOST_AFTER
+        if self._expected is not None:
+            patience = LOST_BACKED_AFTER
+        elif self._colour > TURNING:
+            patience = LOST_TURNING_AFTER
         if _has_left(hybrid.box(), image) or self._unsure > patience:
             return TrackPhase.LOST
         if self._confidence() < 0.5:
