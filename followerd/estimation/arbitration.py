@@ -4,14 +4,19 @@ Motai, Jha and Kruse 2012, repaired where it cannot work; each predictor is told
 the target and says where it will be `dt` later. Plain floats: a step costs microseconds.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from math import cos, exp, hypot, pi, radians, sqrt
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
 from followerd.estimation.pan_flow import Pair, angles, camera_flow, following_turn
+from followerd.geometry import Array
+
+Kind = Literal["kf", "of", "ofkf", "pf", "imm_pda"]
+
+FRESH_RATE = radians(30.0)  # rad/s, deviation of a fresh particle's
+AGREEING = 4  # refused looks that agree: the target is there
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,15 +94,18 @@ class Kf:
 
     def step(self, look: Look) -> None:
         """See Predictor."""
-        pan, tilt = look.angles
+        self.take(look.angles, look.stamp)
+
+    def take(self, direction: Pair, stamp: float) -> None:
+        """The target was seen at `direction`."""
         if self.axes is None:
-            self.axes = Axis(pan, *self._noise), Axis(tilt, *self._noise)
+            self.axes = Axis(direction[0], *self._noise), Axis(direction[1], *self._noise)
         else:
-            dt = look.stamp - self._stamp
-            for axis, z in zip(self.axes, (pan, tilt), strict=True):
+            dt = stamp - self._stamp
+            for axis, z in zip(self.axes, direction, strict=True):
                 axis.predict(dt)
                 axis.update(z)
-        self._stamp = look.stamp
+        self._stamp = stamp
 
     def ahead(self, dt: float) -> Pair:
         """See Predictor."""
@@ -116,8 +124,12 @@ class Of:
 
     def step(self, look: Look) -> None:
         """See Predictor."""
+        self.take(look.angles, look)
+
+    def take(self, direction: Pair, look: Look) -> None:
+        """The target was seen at `direction`, which is that of `look`."""
         before, self._look = self._look, look
-        self._angles = look.angles
+        self._angles = direction
         if before is None:
             return
         dt = look.stamp - before.stamp
@@ -156,9 +168,10 @@ class OfKf:
 
     def step(self, look: Look) -> None:
         """See Predictor."""
-        self._kf.step(look)
-        self._of.step(look)
-        self._path = [*self._path[-2:], look.angles]
+        direction = look.angles
+        self._kf.take(direction, look.stamp)
+        self._of.take(direction, look)
+        self._path = [*self._path[-2:], direction]
         self.turns = len(self._path) == 3 and self._is_turn(look.focal)
         if self.turns and self._reopen and self._kf.axes is not None:
             for axis in self._kf.axes:
@@ -184,7 +197,7 @@ class Pf:
         self,
         rng: np.random.Generator,
         count: int = 50,
-        accel: float = radians(120.0),
+        accel: float = radians(200.0),
         sigma: float = radians(0.7),
         floor: float = 1e-4,
         fresh: int = 2,
@@ -193,7 +206,7 @@ class Pf:
         self._rng, self._count, self._accel, self._sigma = rng, count, accel, sigma
         self._floor, self._fresh = floor, fresh
         self._stamp = 0.0
-        self._cloud: np.ndarray | None = None  # (2 axes, 2, N): angles, rates
+        self._cloud: Array | None = None  # (2 axes, 2, N): angles, rates
         self._mean = np.zeros((2, 2))
 
     def step(self, look: Look) -> None:
@@ -209,8 +222,11 @@ class Pf:
             push = self._accel * rng.standard_normal((2, n))
             self._cloud[:, 0] += dt * self._cloud[:, 1] + 0.5 * dt * dt * push
             self._cloud[:, 1] += dt * push
-            if self._fresh:
-                self._cloud[:, 0, : self._fresh] = z
+            # without fresh ones a burst of wrong looks leads the cloud away for ever
+            spread = np.array([self._sigma, FRESH_RATE])[:, None]
+            drawn = spread * rng.standard_normal((2, 2, self._fresh))
+            drawn[:, 0] += z
+            self._cloud[:, :, : self._fresh] = drawn
         self._stamp = look.stamp
         off = (self._cloud[:, 0] - z) / self._sigma
         weights = np.exp(-0.5 * off * off) + self._floor
@@ -228,7 +244,7 @@ class Pf:
 
 
 class ImmPda:
-    """Ours: a calm and an agile filter mixed by how well each foresees, and looks that may be wrong.
+    """Ours: a calm and an agile filter, mixed by how well each foresees; looks may be wrong.
 
     Interacting multiple models with probabilistic data association: a look is the target's with
     probability 1 - `clutter`, else anywhere within `field`.
@@ -236,14 +252,16 @@ class ImmPda:
 
     def __init__(
         self,
-        accels: Pair = (radians(20.0), radians(400.0)),
+        calm: float = radians(20.0),
+        agile: float = radians(400.0),
         sigma: float = radians(0.7),
         stay: float = 0.97,
         clutter: float = 0.03,
         field: float = radians(60.0),
     ) -> None:
-        """`stay` is the probability that a model holds from one look to the next."""
-        self._accels, self._sigma, self._stay = accels, sigma, stay
+        """`calm` and `agile` are accelerations, rad/s²; `stay` is the probability that a model
+        holds from one look to the next."""
+        self._accels, self._sigma, self._stay = (calm, agile), sigma, stay
         self._clutter, self._density = 1.0 - clutter, clutter / field
         self._stamp = 0.0
         self._axes: tuple[_Mixture, _Mixture] | None = None
@@ -267,3 +285,98 @@ class ImmPda:
     def _mixture(self, z: float) -> "_Mixture":
         models = Axis(z, self._accels[0], self._sigma), Axis(z, self._accels[1], self._sigma)
         return _Mixture(*models, self._stay, self._clutter, self._density)
+
+
+class _Mixture:
+    """The two models of one angle, their probabilities, and looks refused lately."""
+
+    __slots__ = ("agile", "calm", "clutter", "density", "mu", "refused", "stay")
+
+    def __init__(self, calm: Axis, agile: Axis, stay: float, right: float, density: float) -> None:
+        self.calm, self.agile = calm, agile
+        self.mu = 0.5  # probability of the calm model
+        self.stay, self.clutter, self.density = stay, right, density
+        self.refused: list[float] = []  # rad, looks that agreed with each other, not with us
+
+    def ahead(self, dt: float) -> float:
+        a, b, mu = self.calm, self.agile, self.mu
+        return mu * (a.p + dt * a.v) + (1.0 - mu) * (b.p + dt * b.v)
+
+    def step(self, z: float, dt: float) -> None:
+        a, b, stay = self.calm, self.agile, self.stay
+        calm = stay * self.mu + (1.0 - stay) * (1.0 - self.mu)
+        _interact(a, b, stay * self.mu / calm, (1.0 - stay) * self.mu / (1.0 - calm))
+        a.predict(dt)
+        b.predict(dt)
+        if self._is_somewhere_else(z):
+            return
+        la = _associate(a, z, self.clutter, self.density)
+        lb = _associate(b, z, self.clutter, self.density)
+        self.mu = min(max(calm * la / (calm * la + (1.0 - calm) * lb), 0.01), 0.99)
+
+    def _is_somewhere_else(self, z: float) -> bool:
+        """Four refused looks in a row that agree with each other: start anew there."""
+        wide = self.agile
+        off = z - wide.p
+        if off * off < 16.0 * (wide.P00 + wide.R):
+            self.refused.clear()
+            return False
+        if self.refused and abs(z - self.refused[-1]) > 6.0 * sqrt(wide.R) + radians(4.0):
+            self.refused.clear()
+        self.refused.append(z)
+        if len(self.refused) < AGREEING:
+            return False
+        for axis in (self.calm, self.agile):
+            axis.p, axis.v = z, 0.0
+            axis.P00, axis.P01, axis.P11 = axis.R, 0.0, radians(20.0) ** 2
+        self.refused.clear()
+        return True
+
+
+def _interact(a: Axis, b: Axis, a_in_a: float, a_in_b: float) -> None:
+    """Each model starts from the mixture that leads to it; `a_in_b` is the share of a in b."""
+    mixed = []
+    for share in (a_in_a, a_in_b):
+        rest = 1.0 - share
+        p, v = share * a.p + rest * b.p, share * a.v + rest * b.v
+        ap, av, bp, bv = a.p - p, a.v - v, b.p - p, b.v - v
+        P00 = share * (a.P00 + ap * ap) + rest * (b.P00 + bp * bp)
+        P01 = share * (a.P01 + ap * av) + rest * (b.P01 + bp * bv)
+        P11 = share * (a.P11 + av * av) + rest * (b.P11 + bv * bv)
+        mixed.append((p, v, P00, P01, P11))
+    a.p, a.v, a.P00, a.P01, a.P11 = mixed[0]
+    b.p, b.v, b.P00, b.P01, b.P11 = mixed[1]
+
+
+def _associate(axis: Axis, z: float, right: float, density: float) -> float:
+    """Update by a look that may be clutter; the look's likelihood."""
+    S = axis.P00 + axis.R
+    y = z - axis.p
+    hit = right * exp(-0.5 * y * y / S) / sqrt(2.0 * pi * S)
+    likelihood = hit + density
+    beta = hit / likelihood
+    K, L = axis.P00 / S, axis.P01 / S
+    axis.p += beta * K * y
+    axis.v += beta * L * y
+    # the covariance shrinks by the share that believes the look, and grows by the doubt
+    spread = beta * (1.0 - beta) * y * y
+    P00, P01 = axis.P00, axis.P01
+    axis.P00 += -beta * K * P00 + spread * K * K
+    axis.P01 += -beta * K * P01 + spread * K * L
+    axis.P11 += -beta * L * P01 + spread * L * L
+    return likelihood
+
+
+def predictor(kind: Kind, sigma: float, rng: np.random.Generator) -> Predictor:
+    """One of Motai's predictors, or ours, for looks with deviation `sigma`, rad."""
+    match kind:
+        case "kf":
+            return Kf(sigma=sigma)
+        case "of":
+            return Of()
+        case "ofkf":
+            return OfKf(sigma=sigma)
+        case "pf":
+            return Pf(rng, sigma=sigma)
+        case "imm_pda":
+            return ImmPda(sigma=sigma)
