@@ -7,6 +7,7 @@ seconds of the event loop's clock. Frames: `odom`, `base`, `laser`, `camera` (se
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import lru_cache
+from math import hypot
 
 import numpy as np
 import numpy.typing as npt
@@ -101,6 +102,23 @@ class Clusters:
     nearest: Array  # (K,) m, of the nearest return
     width: Array  # (K,) m, from the first to the last return
     leg_like: npt.NDArray[np.bool_]  # (K,) as narrow as a leg or two, not half hidden
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Line:
+    """A straight wall in a scan: x cos(alpha) + y sin(alpha) = rho, rho >= 0."""
+
+    alpha: float  # rad, direction of the normal
+    rho: float  # m
+    covariance: Array  # (2, 2) of (alpha, rho)
+    ends: Array  # (2, 2) m, counter-clockwise
+    first: int  # index of its first point in the scan
+    last: int  # index of its last point
+
+    @property
+    def length(self) -> float:
+        """Length, m."""
+        return hypot(*(self.ends[1] - self.ends[0]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,10 +252,12 @@ class TrackState:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where another sensor than the camera sees the followed person."""
+    """Where another sensor than the camera sees, or expects, the followed person."""
 
     distance: float  # m, from `base` on the ground
     bearing: float  # rad in `base`, left positive
+    sigma: float = 0.0  # m, of either
+    seen: bool = True  # False: hidden by somebody, where they should be by now
 
 
 class StopReason(Enum):

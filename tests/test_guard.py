@@ -441,6 +441,16 @@ def test_arcs_that_get_worse_and_worse_end_in_a_turn_on_the_spot() -> None:
     assert kinds(command) == {StopReason.OBSTACLE}
 
 
+def test_a_robot_that_starts_beside_a_corner_turns_only_as_it_gains_speed() -> None:
+    """The arc that is meant passes the corner; the tighter one of the first moment does not."""
+    b = bench().sees(post(0.6, 0.6))
+    command = b.guard.check(Twist(0.7, 0.15), b.situation, NOW)
+    started = twist(command)
+    assert started.v > 0.0
+    assert started.omega / started.v == pytest.approx(0.15 / 0.7)
+    assert twist(b.check(Twist(0.7, 0.15))) == Twist(0.7, 0.15)
+
+
 def test_a_turn_on_the_spot_stops_before_a_corner_touches() -> None:
     beside = bench().sees(post(0.0, 0.28)).check(Twist(0.0, 0.9))
     assert abs(twist(beside).omega) < 0.9

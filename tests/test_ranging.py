@@ -210,3 +210,58 @@ def test_a_located_track_stands_on_the_stamp_it_is_given() -> None:
     assert located.range_sigma < inf
     assert located.position == pytest.approx((2.0, 0.0))
     assert located.velocity == pytest.approx((0.0, 0.0))
+
+
+def followed() -> Ranging:
+    """A person who stands at (2, 0), seen by camera and laser until 1 s."""
+    ranging = Ranging()
+    for k in range(20):
+        stamp = 0.05 * (k + 1)
+        ranging.see(track(stamp, 2.0, 0.0), HERE)
+        ranging.scan(clusters(stamp, (1.95, 0.12), (1.95, -0.12)), HERE)
+    return ranging
+
+
+def test_behind_somebodys_legs_the_person_is_foreseen_for_a_while() -> None:
+    ranging = followed()
+    seen = ranging.measured(HERE, 1.0)
+    assert seen is not None
+    assert seen.seen
+    ranging.scan(clusters(1.05, (1.2, 0.05)), HERE)
+    hidden = ranging.measured(HERE, 1.6)
+    assert hidden is not None
+    assert not hidden.seen
+    assert hidden.sigma > seen.sigma
+    assert (hidden.distance, hidden.bearing) == pytest.approx((2.0, 0.0), abs=0.05)
+    assert ranging.measured(HERE, 2.1) is None
+
+
+def test_the_box_of_whoever_hides_the_person_does_not_move_them() -> None:
+    ranging = followed()
+    for k in range(12):
+        ranging.scan(clusters(1.05 + 0.05 * k, (1.2, 0.05 + 0.01 * k)), HERE)
+        ranging.see(track(1.05 + 0.05 * k, 1.2, 0.3 + 0.05 * k), HERE)
+    assert known(ranging, 1.6).position == pytest.approx((2.0, 0.0), abs=0.1)
+    ranging.scan(clusters(2.2, (1.2, 0.3)), HERE)
+    for k in range(8):
+        ranging.see(track(2.2 + 0.05 * k, 2.0, 0.3), HERE)
+    assert known(ranging, 2.6).position[1] > 0.1  # hidden for too long: the camera is believed
+
+
+def test_legs_that_come_in_from_outside_stay_somebody_elses() -> None:
+    """Somebody crosses 0.25 m before the person, whose far leg alone stays in view."""
+    ranging = followed()
+    for k in range(40):
+        stamp, y = 1.0 + 0.025 * (k + 1), -1.0 + 0.05 * k
+        ranging.see(track(stamp, 2.0, 0.0), HERE)
+        ranging.scan(clusters(stamp, (1.7, y), (1.95, 0.12)), HERE)
+        assert not any(beams.start == 0 for beams in ranging.claimed)
+    assert known(ranging, 2.0).position == pytest.approx((2.0, 0.06), abs=0.08)
+
+
+def test_a_cluster_of_the_persons_leg_and_anothers_is_nobodys() -> None:
+    ranging = followed()
+    ranging.scan(clusters(1.025, (1.7, -0.65), (1.95, 0.12), (1.95, -0.12)), HERE)
+    touching = replace(clusters(1.05, (1.8, -0.4), (1.95, 0.12)), width=np.array([0.33, 0.1]))
+    ranging.scan(touching, HERE)
+    assert [beams.start for beams in ranging.claimed] == [10]

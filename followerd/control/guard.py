@@ -92,7 +92,7 @@ class Guard:
             capped = self._capped(wanted, situation, reasons, now)
             obstacles = self._obstacles(view, situation.claimed, base, capped.v, now)
             ramped = self._ramped(capped, now)
-            allowed = self._clear(ramped, obstacles, reasons)
+            allowed = self._clear(ramped, capped, obstacles, reasons)
             if (allowed.v == ramped.v != capped.v) or (
                 allowed.omega == ramped.omega != capped.omega
             ):
@@ -220,15 +220,32 @@ class Guard:
         seen = returns(view.points, ~base @ view.base, claimed, margins, self._way.reach(v))
         return together(seen, self._echoes.obstacles(base, s.sonar_margin_m, now))
 
-    def _clear(self, twist: Twist, obstacles: Obstacles, reasons: list[Reason]) -> Twist:
+    def _clear(
+        self, twist: Twist, capped: Twist, obstacles: Obstacles, reasons: list[Reason]
+    ) -> Twist:
         """Slow enough to stop before anything in the swept way.
 
-        A lower speed at the same turn rate sweeps another arc: what is allowed is checked again.
+        While the speed still ramps up to `capped` its turn rate sweeps a tighter arc than the one
+        that is meant. Where that one is free and the tight one is not the turn waits for the speed.
         """
-        v, omega = twist.v, twist.omega
+        omega = twist.omega
         if omega != 0.0:
             limit, why = self._way.free_turn(omega, obstacles), "beside the robot, in its turn"
             omega = _slower(omega, limit, reasons, StopReason.OBSTACLE, "laser", why)
+        v, why = self._along(twist.v, omega, obstacles)
+        if omega != 0.0 and abs(v) < abs(twist.v) < abs(capped.v):
+            eased = omega * twist.v / capped.v
+            farther, reason = self._along(twist.v, eased, obstacles)
+            if abs(farther) > abs(v):
+                v, omega, why = farther, eased, reason
+        v = _slower(twist.v, abs(v), reasons, StopReason.OBSTACLE, "laser", why)
+        return Twist(v, omega)
+
+    def _along(self, v: float, omega: float, obstacles: Obstacles) -> tuple[float, str]:
+        """The speed up to `v` that may be driven while turning at `omega`, and what limits it.
+
+        A lower speed at the same turn rate sweeps another arc: what is allowed is checked again.
+        """
         why = ""
         for _ in range(TRIES):
             if v == 0.0:
@@ -242,8 +259,7 @@ class Guard:
             v = _slower(v, limit if omega == 0.0 else 0.95 * limit, [], StopReason.OBSTACLE)
         else:
             v = 0.0
-        v = _slower(twist.v, abs(v), reasons, StopReason.OBSTACLE, "laser", why)
-        return Twist(v, omega)
+        return v, why
 
 
 def _as_wished(wish: Wish, wanted: Twist, ramped: Twist, allowed: Twist) -> Wish | None:

@@ -6,7 +6,7 @@ one scalar at a time, so that either half may be missing.
 """
 
 from dataclasses import dataclass, replace
-from math import atan2, cos, hypot, inf, nan, radians, sin, sqrt
+from math import atan2, cos, dist, hypot, inf, nan, radians, sin, sqrt
 
 import numpy as np
 import numpy.typing as npt
@@ -28,12 +28,18 @@ class RangingSettings(Settings):
     legs_sigma_m: float = Field(0.08, gt=0, description="of the middle between the legs")
     leg_sigma_m: float = Field(0.2, gt=0, description="of it, where only one leg is seen")
     leg_radius_m: float = Field(0.05, ge=0, description="from a leg's visible side to its middle")
+    leg_width_m: float = Field(0.2, gt=0, description="widest that one leg looks")
     stride_m: float = Field(0.7, gt=0, description="farthest apart two legs of one person are")
     cone_deg: float = Field(7.0, gt=0, description="half width of the bearing cone for legs")
     before_m: float = Field(0.35, gt=0, description="nearer than the person: somebody else's legs")
     hides_m: float = Field(0.25, gt=0, description="aside of the line of sight, that still hide")
+    others_m: float = Field(1.0, ge=0, description="beyond the reach of the person's own legs")
+    leap_m: float = Field(0.15, gt=0, description="farthest that a leg moves between two scans")
     gate: float = Field(3.5, gt=0, description="standard deviations a measurement may be off")
     max_track_age_s: float = Field(0.3, gt=0, description="older tracks claim no legs")
+    max_hidden_s: float = Field(
+        1.0, ge=0, description="behind somebody's legs the person is foreseen, not looked for"
+    )
     max_sigma_m: float = Field(0.6, gt=0, description="more uncertain than this is unknown")
     max_rejected: int = Field(5, ge=1, description="measurements refused in a row: start anew")
 
@@ -81,6 +87,9 @@ class Ranging:
         self._track: TrackState | None = None
         self._sight = 0.0  # rad in odom, direction in which the track was seen
         self._legs_seen = -inf  # s
+        self._hidden = False  # by somebody else's legs, in the newest scan
+        self._own: list[tuple[float, float]] = []  # m in odom, the person's legs when last seen
+        self._others: list[tuple[float, float]] = []  # m in odom, legs near them that are not
         self.claimed: tuple[slice, ...] = ()  # beams of the newest scan that show the person
 
     def see(self, track: TrackState, base: Pose2) -> None:
@@ -97,6 +106,8 @@ class Ranging:
             if track.range is not None:
                 self._start(track.range, sigma, base, track.stamp)
             return
+        if self._is_hidden(track.stamp):
+            return  # the box is as likely on whoever stands before the person
         has_legs = track.stamp - self._legs_seen < self.settings.max_track_age_s
         doubt = self.settings.beside_legs if has_legs else 1.0
         self._measure(track.range, sigma, doubt * self._bearing_sigma(), base, track.stamp)
@@ -150,11 +161,12 @@ class Ranging:
         return wrap_angle(self._sight - base.theta)
 
     def measured(self, base: Pose2, stamp: float) -> Place | None:
-        """Where the laser sees the person's legs, the robot being at `base`."""
+        """Where the laser sees the person's legs, or just saw them go behind somebody else's."""
         person = self.person(stamp)
-        if person is None or stamp - self._legs_seen > self.settings.max_track_age_s:
+        is_seen = stamp - self._legs_seen <= self.settings.max_track_age_s
+        if person is None or not (is_seen or self._is_hidden(stamp)):
             return None
-        return Place(*person.seen_from(base))
+        return Place(*person.seen_from(base), person.sigma, is_seen)
 
     def located(self, track: TrackState, base: Pose2, stamp: float) -> TrackState:
         """The track with what is known at `stamp`, when the robot is at `base`."""
@@ -176,12 +188,16 @@ class Ranging:
             covariance=person.covariance,
         )
 
+    def _is_hidden(self, stamp: float) -> bool:
+        return self._hidden and stamp - self._legs_seen <= self.settings.max_hidden_s
+
     def _legs(self, clusters: Clusters, base: Pose2) -> npt.NDArray[np.intp]:
         """The one or two clusters that are the person's legs.
 
         Nearest to the expected place within the gate, and none while somebody else's legs stand
         before it; with no expectation the nearest of the cone, for whoever stood before the person
-        would hide them from the camera too.
+        would hide them from the camera too. Legs that come in from outside the gate stay somebody
+        else's, scan after scan.
         """
         person = self.person(clusters.stamp)
         if person is None:
@@ -189,7 +205,10 @@ class Ranging:
         else:
             expected, bearing = person.seen_from(base)
             reach = self.settings.gate * person.sigma + 0.5 * self.settings.stride_m
-        s, fits = self.settings, []
+        s, fits, others = self.settings, [], []
+        self._hidden = False
+        if clusters.stamp - self._legs_seen > s.max_hidden_s:
+            self._others = []
         for k in clusters.leg_like.nonzero()[0].tolist():
             near = clusters.range.item(k)
             distance = near + s.leg_radius_m
@@ -197,16 +216,32 @@ class Ranging:
             aside = near * angle
             in_cone = angle < radians(s.cone_deg) + atan2(0.5 * s.stride_m, max(near, 0.3))
             off = distance + aside if expected is None else hypot(distance - expected, aside)
-            if expected is not None and expected - distance > s.before_m and aside < s.hides_m:
-                return np.empty(0, np.intp)
-            if in_cone and off < reach:
+            if off > reach + s.others_m:
+                continue
+            point = base.apply_point(*clusters.centre[k].tolist())
+            if off > reach or self._was_anothers(point, clusters.width.item(k)):
+                others.append(point)
+            elif in_cone:
                 fits.append((off, k))
+            if expected is not None and expected - distance > s.before_m and aside < s.hides_m:
+                self._hidden = True
+        self._others = others
+        if self._hidden:
+            return np.empty(0, np.intp)
         found = np.array([k for _, k in sorted(fits)], np.intp)
-        if found.size < 2:
-            return found
-        gaps = np.hypot(*(clusters.centre[found] - clusters.centre[found[0]]).T)
-        near_first: npt.NDArray[np.intp] = found[gaps < s.stride_m]
-        return near_first[:2]
+        if found.size:
+            gaps = np.hypot(*(clusters.centre[found] - clusters.centre[found[0]]).T)
+            found = found[gaps < s.stride_m][:2]
+            self._own = [base.apply_point(*centre) for centre in clusters.centre[found].tolist()]
+        return found
+
+    def _was_anothers(self, point: tuple[float, float], width: float) -> bool:
+        """Whether a leg at `point` in odom was somebody else's in the last scan, or touches one."""
+        theirs = min((dist(point, other) for other in self._others), default=inf)
+        if theirs > self.settings.leap_m + 0.5 * width:
+            return False
+        is_several = width > self.settings.leg_width_m
+        return is_several or all(dist(point, own) > theirs for own in self._own)
 
     def _bearing_sigma(self) -> float:
         return radians(self.settings.bearing_sigma_deg)

@@ -1,6 +1,6 @@
 """The `default` profile: soft colour and a template weigh the particles, and say who is there."""
 
-from math import cos, exp, sin, sqrt
+from math import cos, exp, hypot, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -29,7 +29,11 @@ FAR_OFF = 40.0  # squared deviations beyond which it is doubted rather than beli
 LEARN_ASIDE, LEARN_ABOVE = 0.25, 0.15  # of width and height: farther off nothing is learnt
 BACKED = 0.65  # share of the usual likeness that suffices where the other sensor agrees
 LOST_BACKED_AFTER = 2.0  # s of not being sure, while it goes on seeing the person
+TURNING = 0.6  # colour score of a person who turns and whose shape is not known yet
+LOST_TURNING_AFTER = 3.0  # s of not being sure, while it lasts
 SAME_PERSON = 1.3  # ratio of sizes beyond which a distance is somebody else's
+USUAL = 1.5  # s, over which the size is averaged
+SIZES = 1.0, 1.4, 0.7  # of that, at which a lost person is looked for
 LEAST_SIZE, LARGEST_SIZE = 0.12, 5.0  # of the size when enrolled
 OUTSIDE = 0.2  # of the height, that a box's centre may lie above or below the image
 
@@ -40,6 +44,9 @@ class Expected(NamedTuple):
     column: float  # px
     row: float  # px
     distance: float  # m
+    aside: float  # px, deviation of the column
+    above: float  # px, deviation of the row
+    seen: bool  # False: foreseen only
 
 
 class DefaultProfile:
@@ -70,11 +77,14 @@ class DefaultProfile:
         self._enrolled = sqrt(box.w * box.h)  # px
         self._metric_size: float | None = None  # px at 1 m
         self._looks = [1.0, 1.0]  # likeness and identity, averaged
+        self._colour = 1.0  # score, averaged
         self._sure = self._unsure = 0.0  # s
         self._backed = False  # another sensor sees the person at the same place
         self._turn = 0
         self._unlearnt = np.zeros(2)  # s since the template, the colour were learnt
-        self._suspects: list[Array] = []  # places not yet looked at
+        self._suspects: list[Array] = []  # boxes not yet looked at
+        self._attempt = 0
+        self._usual = sqrt(box.w * box.h)  # px, size averaged while sure
         self._expected: Expected | None = None
         self._foot: float | None = None  # of the height: box's lower edge under the ground point
 
@@ -88,7 +98,11 @@ class DefaultProfile:
             if depth > 0.0:
                 column = camera.cx + camera.fx * right / depth
                 row = camera.cy + camera.fy * down / depth
-                self._expected = Expected(column + 0.5, row + 0.5, place.distance)
+                aside = place.sigma * camera.fx / depth
+                above = place.sigma / place.distance * max(0.0, row - camera.horizon)
+                self._expected = Expected(
+                    column + 0.5, row + 0.5, place.distance, aside, above, place.seen
+                )
 
     def look(self, image: Image, hybrid: HybridFilter, dt: float) -> Sighting:
         """One image; `hybrid` was predicted to it `dt` seconds on."""
@@ -108,12 +122,16 @@ class DefaultProfile:
         self._weigh(hybrid, view)
         place = view.window.to_window(hybrid.state[None, :2])[0]
         looks = self._compare(view, place)
+        colour = float(self._appearance.colour(view, place[None])[0])
+        self._colour += (1.0 - exp(-dt / NOTICE[1])) * (colour - self._colour)
         for i, notice in enumerate(NOTICE):
             self._looks[i] += (1.0 - exp(-dt / notice)) * (looks[i] - self._looks[i])
         self._backed = self._expected is not None and self._is_expected(hybrid)
         if self._confidence() >= 0.5:
             self._sure, self._unsure = self._sure + dt, 0.0
             self._stand(hybrid)
+            size = sqrt(hybrid.size[0] * hybrid.size[1])
+            self._usual *= (size / self._usual) ** (1.0 - exp(-dt / USUAL))
             if _reach(looks, LEARN) and self._looks[1] >= LEARN[1] and self._is_expected(hybrid):
                 self._learn(hybrid, view, place, dt)
         else:
@@ -144,7 +162,9 @@ class DefaultProfile:
             logs += ANSWER_TRUST * answers
         if self._expected is not None:
             column, row = self._middle(self._expected, hybrid)
-            off = (hybrid.particles[:, :2] - (column, row)) / (hybrid.size[:2] * (ASIDE, ABOVE))
+            aside = hypot(ASIDE * hybrid.size[0], self._expected.aside)
+            above = hypot(ABOVE * hybrid.size[1], self._expected.above)
+            off = (hybrid.particles[:, :2] - (column, row)) / (aside, above)
             logs -= 0.5 * np.minimum((off * off).sum(axis=1), FAR_OFF)
         hybrid.update_soft(logs, self._estimator)
 
@@ -167,6 +187,8 @@ class DefaultProfile:
         """Whether the person stands where the other sensor, if any, sees them."""
         if self._expected is None:
             return True
+        if not self._expected.seen:
+            return False
         column, row = self._middle(self._expected, hybrid)
         aside, above = abs(hybrid.state[0] - column), abs(hybrid.state[1] - row)
         return bool(aside < LEARN_ASIDE * hybrid.size[0] and above < LEARN_ABOVE * hybrid.size[1])
@@ -179,7 +201,7 @@ class DefaultProfile:
 
     def _stand(self, hybrid: HybridFilter) -> None:
         """Size is inverse to distance; the first sure sight says how large the person is."""
-        if self._expected is None:
+        if self._expected is None or not (self._expected.seen or self._metric_size):
             return
         if self._foot is None:
             foot = float(hybrid.state[1] + 0.5 * hybrid.size[1])
@@ -199,10 +221,13 @@ class DefaultProfile:
     def _search(self, image: Image, hybrid: HybridFilter) -> None:
         """Look at one more suspicious place a frame; move there if it is the enrolled person."""
         if not self._suspects:
-            self._suspects = list(self._appearance.places(image.pixels, hybrid.size[:2], 4))
+            self._attempt = (self._attempt + 1) % len(SIZES)
+            size = SIZES[self._attempt] * self._usual * self._shape
+            places = self._appearance.places(image.pixels, size, 4)
+            self._suspects = [np.concatenate([place, size]) for place in places]
         if not self._suspects:
             return
-        box = np.concatenate([self._suspects.pop(0), hybrid.size[:2]])
+        box = self._suspects.pop(0)
         view = self._appearance.view(image.pixels, box)
         for peak in self._appearance.peaks(view, 1):
             looks = self._compare(view, peak)
@@ -215,7 +240,11 @@ class DefaultProfile:
                 self._suspects = []
 
     def _phase(self, hybrid: HybridFilter, image: Image) -> TrackPhase:
-        patience = LOST_AFTER if self._expected is None else LOST_BACKED_AFTER
+        patience = LOST_AFTER
+        if self._expected is not None:
+            patience = LOST_BACKED_AFTER
+        elif self._colour > TURNING:
+            patience = LOST_TURNING_AFTER
         if _has_left(hybrid.box(), image) or self._unsure > patience:
             return TrackPhase.LOST
         if self._confidence() < 0.5:
