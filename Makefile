@@ -33,8 +33,9 @@ format: $(READY)
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-IMAGE_TESTS := $(addprefix tests/test_,bench_film.py blobs.py camera.py colour.py \
-  hpf.py hybrid.py render.py track.py)
+IMAGE_TESTS := $(addprefix tests/test_,bench_film.py blobs.py camera.py camera_calibration.py \
+  camera_files.py camera_v4l2.py colour.py hpf.py hybrid.py kinect.py render.py stereo.py track.py \
+  windows.py)
 
 opencv4: $(READY) ## the image code on the oldest OpenCV that is supported
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --upgrade --target build/opencv4 "opencv-python-headless==4.10.*"

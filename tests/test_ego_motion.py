@@ -95,6 +95,24 @@ def test_wheel_speeds_leave_the_measured_twist_as_it_is() -> None:
     assert ego.twist_at(0.2) == Twist(0.2, 0.1)
 
 
+def test_what_was_asked_before_does_not_change_the_answer() -> None:
+    commands = [Command(0.1, Twist(0.5, 0.4), expires=0.3), Command(0.2, Twist(-0.1), expires=9.0)]
+
+    def told(questions: tuple[float, ...]) -> EgoMotion:
+        ego = EgoMotion()
+        ego.observe(packet(0.0, Pose2(), Twist(0.3, 0.1)))
+        for command in commands:
+            for stamp in questions:
+                ego.pose_at(stamp)
+            ego.commanded(command)
+        return ego
+
+    asked = told((0.1, 0.377, 0.05))
+    for stamp in (0.09, 0.377, 0.25, 0.4):
+        assert asked.pose_at(stamp) == told(()).pose_at(stamp)
+        assert asked.twist_at(stamp) == told(()).twist_at(stamp)
+
+
 def test_the_next_packet_rebases_the_extrapolation() -> None:
     ego = steady(Twist(0.5, 0.0), 1.0)
     slipped = Pose2(0.2, 0.0, 0.0)

@@ -47,7 +47,7 @@ def test_nothing_there_is_infinitely_far() -> None:
 
 def test_circles_may_stand_elsewhere_for_each_ray() -> None:
     rays = np.array([[1.0, 0.0], [1.0, 0.0]])
-    moving = np.array([[[2.0, 0.0, 0.5]], [[3.0, 0.0, 0.5]]])
+    moving = np.array([[[2.0, 3.0], [0.0, 0.0], [0.5, 0.5]]])
     assert cast(np.zeros(2), rays, NO_SEGMENTS, moving) == pytest.approx([1.5, 2.5])
 
 

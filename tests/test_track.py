@@ -64,6 +64,7 @@ class Scripted:
     """A tracker that answers from a list."""
 
     needs = frozenset({"image"})
+    sees = frozenset({"colour", "depth"})
 
     def __init__(self, *answers: TrackState | None) -> None:
         self._answers = list(answers)

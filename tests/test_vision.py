@@ -25,6 +25,7 @@ class Recorder:
     """A tracker that notes what it is given; `gate` makes it slow."""
 
     needs = frozenset({"image"})
+    sees = frozenset({"colour", "depth"})
 
     def __init__(self) -> None:
         self.calls: list[tuple[str, int]] = []

@@ -42,6 +42,7 @@ class Tape:
     """A tracker that only keeps what it is given."""
 
     needs = frozenset({"image"})
+    sees = frozenset({"colour", "depth"})
 
     def __init__(self) -> None:
         self.seen: list[tuple[Image, Pose2 | None]] = []

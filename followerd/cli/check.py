@@ -2,6 +2,7 @@
 
 import json
 
+from followerd.app import verify
 from followerd.config import find, load
 from followerd.config import schema as config_schema
 
@@ -9,10 +10,11 @@ from followerd.config import schema as config_schema
 def check(config: str) -> None:
     """Validate a config file (or a shipped one, by name) and say what it sets up."""
     settings = load(config)
+    verify(settings)
     print(f"{find(config)}: good")
-    for name in ("base", "laser", "camera"):
-        device = getattr(settings, name)
-        print(f"  {name}: {device.kind} at {device.link}")
+    for name in ("base", "laser", "camera", "ptz"):
+        if device := getattr(settings, name):
+            print(f"  {name}: {device.kind} at {device.link}")
     print(f"  tracker: {settings.tracker.kind}, controller: {settings.controller.kind}")
     if settings.simulated:
         print(f"  scenario: {settings.sim.scenario}")

@@ -24,6 +24,8 @@ from followerd.hw.camera.settings import PRESETS
 from followerd.runtime import logs
 from followerd.runtime.daemon import Daemon
 from followerd.sim import scenarios, truth_log
+from followerd.sim.darkroom import darkroom
+from followerd.sim.rig import Rig
 from followerd.sim.truth import Truth
 
 T = TypeVar("T")
@@ -55,11 +57,16 @@ def demo(
     changes = {"sim.scenario": scenario, "seed": seed, **_preset(camera)}
     settings = staged(load(f"{tracker}-sim", changes))
     ending = Ending()
-    with Display(headless=headless) as display:
+    with ExitStack() as stack:
+        world = None
+        if virtual:  # forks, which is safe as long as the display has no thread yet
+            world = app.rig(settings)
+            stack.enter_context(darkroom(world))
+        display = stack.enter_context(Display(headless=headless))
         logs.configure("warning" if display.is_shown else settings.log_level)
         watchers: list[app.Attach] = [display.attach, ending.attach]
-        if virtual:
-            figures = _in_virtual_time(settings, duration, watchers, render)
+        if world is not None:
+            figures = _in_virtual_time(settings, duration, watchers, render, world)
         else:
             figures = _in_real_time(settings, duration, watchers, render)
     _tell(figures)
@@ -67,10 +74,12 @@ def demo(
 
 
 def _in_virtual_time(
-    settings: Config, duration: float, watchers: list[app.Attach], render: Path | None
+    settings: Config,
+    duration: float,
+    watchers: list[app.Attach],
+    render: Path | None,
+    world: Rig,
 ) -> Summary:
-    world = app.rig(settings)
-
     def newest() -> Truth | None:
         return world.truths[-1] if world.truths else None
 

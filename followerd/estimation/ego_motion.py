@@ -3,6 +3,7 @@
 from bisect import bisect_right
 from collections import deque
 from math import cos, radians, sin
+from typing import NamedTuple
 
 from pydantic import Field
 
@@ -26,6 +27,27 @@ class EgoMotionSettings(Settings):
     history_s: float = Field(3.0, gt=0, description="how far back poses are known")
 
 
+class _Step(NamedTuple):
+    """Where the robot is taken to be, and how fast, a while after a packet."""
+
+    stamp: float  # s
+    x: float  # m
+    y: float  # m
+    theta: float  # rad
+    v: float  # m/s
+    omega: float  # rad/s
+
+    @property
+    def pose(self) -> Pose2:
+        """`odom_from_base`."""
+        return Pose2(self.x, self.y, wrap_angle(self.theta))
+
+    @property
+    def twist(self) -> Twist:
+        """The robot's velocity."""
+        return Twist(self.v, self.omega)
+
+
 class EgoMotion:
     """`odom_from_base` at any time near now: interpolated, or extrapolated with the command."""
 
@@ -34,6 +56,7 @@ class EgoMotion:
         self._packets: deque[Odometry] = deque()
         self._stamps: deque[float] = deque()
         self._commands: deque[Command] = deque(maxlen=MOST_COMMANDS)
+        self._path: list[_Step] = []  # from the newest packet on, each step worked out once
 
     def observe(self, odometry: Odometry) -> None:
         """Take a packet; one that is not newer than the newest is dropped."""
@@ -41,6 +64,7 @@ class EgoMotion:
             return
         self._packets.append(odometry)
         self._stamps.append(odometry.stamp)
+        self._path.clear()
         while self._stamps[0] < odometry.stamp - self.settings.history_s:
             self._packets.popleft()
             self._stamps.popleft()
@@ -51,6 +75,9 @@ class EgoMotion:
     def commanded(self, command: Command) -> None:
         """Remember what the base was told."""
         self._commands.append(command)
+        # steps already taken in which it acts
+        while len(self._path) > 1 and self._acts(command, self._path[-2].stamp):
+            self._path.pop()
 
     def pose_at(self, stamp: float) -> Pose2 | None:
         """`odom_from_base` at `stamp`; None where no packet lies within `max_gap_s`."""
@@ -59,7 +86,7 @@ class EgoMotion:
         after = bisect_right(self._stamps, stamp)
         if after == len(self._stamps):
             ahead = self._extrapolated(stamp)
-            return None if ahead is None else ahead[0]
+            return None if ahead is None else ahead.pose
         a, b = self._packets[after - 1], self._packets[after]
         if b.stamp - a.stamp > self.settings.max_gap_s:
             return None
@@ -77,7 +104,7 @@ class EgoMotion:
         after = bisect_right(self._stamps, stamp)
         if after == len(self._stamps):
             ahead = self._extrapolated(stamp)
-            return None if ahead is None else ahead[1]
+            return None if ahead is None else ahead.twist
         a, b = self._packets[after - 1], self._packets[after]
         if b.stamp - a.stamp > self.settings.max_gap_s:
             return None
@@ -92,40 +119,47 @@ class EgoMotion:
         twist = self.twist_at(stamp)
         return twist is not None and (abs(twist.v) > STILL or abs(twist.omega) > STILL_TURN)
 
-    def _extrapolated(self, stamp: float) -> tuple[Pose2, Twist] | None:
+    def _extrapolated(self, stamp: float) -> _Step | None:
         """The newest packet moved on: measured speeds, ramping toward what was commanded."""
         newest = self._packets[-1]
         if stamp - newest.stamp > self.settings.max_gap_s:
             return None
-        x, y, theta = newest.pose.x, newest.pose.y, newest.pose.theta
-        v, omega, time = newest.twist.v, newest.twist.omega, newest.stamp
-        accel = self.settings.accel_mps2
-        turn_accel = radians(self.settings.turn_accel_degps2)
-        commands = iter(self._commands)
-        acting, following = None, next(commands, None)
-        while time < stamp:
-            dt = min(STEP, stamp - time)
-            while following is not None and following.stamp <= time - self.settings.latency_s:
-                acting, following = following, next(commands, None)
-            v0, omega0 = v, omega
-            if acting is not None:
-                wanted = _wanted(acting, time)
-                if wanted is not None:
-                    v = _toward(v, wanted.v, accel * dt)
-                    omega = _toward(omega, wanted.omega, turn_accel * dt)
-            way, turn = 0.5 * (v0 + v) * dt, 0.5 * (omega0 + omega) * dt
-            x += way * cos(theta + 0.5 * turn)
-            y += way * sin(theta + 0.5 * turn)
-            theta += turn
-            time += dt
-        return Pose2(x, y, wrap_angle(theta)), Twist(v, omega)
+        path = self._path
+        if not path:
+            pose, twist = newest.pose, newest.twist
+            path.append(_Step(newest.stamp, pose.x, pose.y, pose.theta, twist.v, twist.omega))
+        while stamp - path[-1].stamp >= STEP:
+            path.append(self._moved(path[-1], STEP))
+        last = len(path) - 1
+        while last and stamp - path[last - 1].stamp < STEP:
+            last -= 1
+        step = path[last]
+        return self._moved(step, stamp - step.stamp) if step.stamp < stamp else step
 
+    def _moved(self, step: _Step, dt: float) -> _Step:
+        """`dt` seconds later."""
+        time, x, y, theta, v0, omega0 = step
+        v, omega = v0, omega0
+        wanted = self._wanted(time)
+        if wanted is not None:
+            v = _toward(v0, wanted.v, self.settings.accel_mps2 * dt)
+            omega = _toward(omega0, wanted.omega, radians(self.settings.turn_accel_degps2) * dt)
+        way, turn = 0.5 * (v0 + v) * dt, 0.5 * (omega0 + omega) * dt
+        x += way * cos(theta + 0.5 * turn)
+        y += way * sin(theta + 0.5 * turn)
+        return _Step(time + dt, x, y, theta + turn, v, omega)
 
-def _wanted(acting: Command, time: float) -> Twist | None:
-    """What the base is ramping toward at `time`; None where that is its own speed."""
-    if acting.motion is None or time > acting.expires:
-        return REST
-    return acting.motion if isinstance(acting.motion, Twist) else None
+    def _acts(self, command: Command, time: float) -> bool:
+        return command.stamp <= time - self.settings.latency_s
+
+    def _wanted(self, time: float) -> Twist | None:
+        """What the base is ramping toward at `time`; None where that is its own speed."""
+        for command in reversed(self._commands):
+            if self._acts(command, time):
+                if command.motion is None or time > command.expires:
+                    return REST
+                return command.motion if isinstance(command.motion, Twist) else None
+        return None
 
 
 def _toward(value: float, goal: float, step: float) -> float:

@@ -6,6 +6,7 @@ own thus uses a second core for the quarter of its work that can wait so long.
 """
 
 import multiprocessing
+import os
 import signal
 from collections import deque
 from collections.abc import Iterator
@@ -70,6 +71,8 @@ def _draw_all(draw: Draw, pipe: Connection, other_end: Connection) -> None:
     """Draw one picture after another, until the other end is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever is interrupted closes it
     other_end.close()
+    # a task that wakes up would else push the world off its core, and draw while that waits
+    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     with suppress(EOFError, ConnectionError):
         while True:
             pipe.send_bytes(draw(*pipe.recv()).tobytes())

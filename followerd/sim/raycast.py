@@ -17,7 +17,7 @@ def cast(origins: Array, directions: Array, segments: Array, circles: Array) -> 
     """Distance (N,) along each ray to the first thing hit; inf = nothing.
 
     `origins` (N, 2) or (2,), `directions` (N, 2) of unit length, `segments` (M, 4) as x0 y0 x1 y1,
-    `circles` (K, 3) as x y radius, or (N, K, 3) where they move from ray to ray. Circles are hit
+    `circles` (K, 3) as x y radius, or (K, 3, N) where they move from ray to ray. Circles are hit
     from outside and, where a ray starts within, from inside.
     """
     origin = np.ascontiguousarray(origins.T)
@@ -25,7 +25,7 @@ def cast(origins: Array, directions: Array, segments: Array, circles: Array) -> 
     hits = np.full(len(directions), np.inf)
     if len(segments):
         np.minimum(hits, _to_segments(origin, direction, segments), out=hits)
-    if circles.shape[-2]:
+    if len(circles):
         np.minimum(hits, _to_circles(origin, direction, circles), out=hits)
     return hits
 
@@ -70,7 +70,7 @@ def _to_segments(origin: Array, direction: Array, segments: Array) -> Array:
 
 def _to_circles(origin: Array, direction: Array, circles: Array) -> Array:
     dx, dy = direction
-    x, y, radius = (field.T.reshape(circles.shape[-2], -1) for field in np.moveaxis(circles, -1, 0))
+    x, y, radius = circles.reshape(len(circles), 3, -1).swapaxes(0, 1)
     x, y = x - origin[0], y - origin[1]
     ahead = x * dx + y * dy
     aside = x * dy - y * dx

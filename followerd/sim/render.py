@@ -1,6 +1,6 @@
 """The camera's picture of a world: building, furniture, people; light, blur and noise."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import atan2, ceil, cos, exp, hypot, radians, sin, sqrt
@@ -43,6 +43,9 @@ class Shot:
     camera: Camera
     pose: Pose2  # world_from_base
     time: float  # s of the scenario
+
+
+Draw = Callable[[Shot, float], Pixels]  # as Renderer.colour
 
 
 class Renderer:

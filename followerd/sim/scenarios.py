@@ -3,6 +3,7 @@
 A number that may differ from seed to seed is written as one value or as `[low, high]`.
 """
 
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -209,6 +210,14 @@ def known() -> list[str]:
     return sorted(path.stem for path in shipped("worlds").glob("*.yaml"))
 
 
+@cache
+def _shipped(name: str) -> Scenario:
+    """Read once: it is asked for several times, and parsing takes 20 ms."""
+    if name not in known():
+        raise UsageError(f"no scenario {name}; there are {', '.join(known())}")
+    return settings.load(shipped("worlds", f"{name}.yaml"), Scenario)
+
+
 def load(name_or_path: str | Path) -> Scenario:
     """A shipped scenario by name, or any by its file.
 
@@ -216,7 +225,5 @@ def load(name_or_path: str | Path) -> Scenario:
     """
     path = Path(name_or_path)
     if path.suffix not in (".yaml", ".yml"):
-        path = shipped("worlds", f"{name_or_path}.yaml")
-        if str(name_or_path) not in known():
-            raise UsageError(f"no scenario {name_or_path!s}; there are {', '.join(known())}")
+        return _shipped(str(name_or_path))
     return settings.load(path, Scenario)

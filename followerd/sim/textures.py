@@ -37,9 +37,9 @@ def clouds(shape: tuple[int, int], cell: float, rng: np.random.Generator) -> Map
 
 def paint(colour: Array, brightness: Map) -> Pixels:
     """The colour times a brightness map (H, W) as an image."""
-    image: Pixels = np.clip(colour.astype(np.float32) * brightness[..., None], 0, 255).astype(
-        np.uint8
-    )
+    image: Pixels = np.empty((*brightness.shape, 3), np.uint8)
+    for channel, value in enumerate(colour.astype(np.float32)):
+        image[..., channel] = np.clip(value * brightness, 0, 255)
     return image
 
 
@@ -53,12 +53,12 @@ def surface(
     light: Array = 1.0 + 0.03 * clouds(shape, 0.5 * density, rng) + 0.02 * clouds(shape, 2.0, rng)
     match look.texture:
         case "tiles":
-            light *= 1.0 + 0.06 * _patches(shape, x // 0.5, y // 0.5, rng)
+            light *= 1.0 + 0.06 * _patches(x // 0.5, y // 0.5, rng)
             light *= np.where(((x % 0.5) < 0.02) | ((y % 0.5) < 0.02), 0.75, 1.0)
         case "brick":
             row = y // 0.1
             shifted = x + 0.125 * (row % 2)
-            light *= 1.0 + 0.10 * _patches(shape, shifted // 0.25, row, rng)
+            light *= 1.0 + 0.10 * _patches(shifted // 0.25, row, rng)
             light *= np.where(((shifted % 0.25) < 0.012) | ((y % 0.1) < 0.012), 1.25, 1.0)
         case "wood":
             warp = 0.02 * clouds(shape, 0.3 * density, rng)
@@ -76,14 +76,10 @@ def surface(
     return paint(bgr(look.colour), np.asarray(light, np.float32))
 
 
-def _patches(shape: tuple[int, int], column: Array, row: Array, rng: np.random.Generator) -> Map:
+def _patches(column: Array, row: Array, rng: np.random.Generator) -> Map:
     """One random value per tile, standard normal."""
     table = rng.standard_normal((64, 64)).astype(np.float32)
-    index = (
-        np.broadcast_to(row % 64, shape).astype(int),
-        np.broadcast_to(column % 64, shape).astype(int),
-    )
-    patches: Map = table[index]
+    patches: Map = table[(row % 64).astype(int), (column % 64).astype(int)]
     return patches
 
 
@@ -267,5 +263,5 @@ def column(look: Look, height: float, rng: np.random.Generator) -> Pixels:
 def lit(colours: Pixels, normal_yaw: float) -> Pixels:
     """An upright surface as the room's light falls on it: brighter towards one side."""
     light = 0.88 + 0.12 * cos(normal_yaw - 0.9) + 0.04 * sin(2.0 * normal_yaw)
-    image: Pixels = np.clip(colours * light, 0, 255).astype(np.uint8)
-    return image
+    table = np.clip(np.arange(256) * light, 0, 255).astype(np.uint8)
+    return np.asarray(cv2.LUT(colours, table), np.uint8)

@@ -12,7 +12,7 @@ from followerd.messages import Box, Pixels, Twist
 from followerd.sim.people import LEG_RADIUS, Motion, Pedestrian, Walker, legs
 from followerd.sim.place import LASER_HEIGHT, Place
 from followerd.sim.raycast import cast
-from followerd.sim.render import Renderer, Shot
+from followerd.sim.render import Draw, Renderer, Shot
 from followerd.sim.scenarios import Scenario
 from followerd.sim.truth import Actor, Truth
 from followerd.sim.wardrobe import dress
@@ -48,6 +48,7 @@ class World:
             if person.crosses is not None:
                 person.cross(self.walkers[self._target], scenario.duration_s)
         self._light_rng = light_rng
+        self.draw: Draw = lambda shot, omega: self._renderer.colour(shot, omega)
         start = scenario.robot
         self.pose = Pose2(start.x_m, start.y_m, radians(start.yaw_deg))  # world_from_base
         self.twist = Twist()
@@ -263,18 +264,18 @@ class World:
         return np.concatenate([columns, np.array(walking).reshape(-1, 3)])
 
     def _cylinders_at(self, ages: Array) -> Array:
-        """Columns and legs (N, K, 3) as each beam meets them, between two instants."""
+        """Columns and legs (K, 3, N) as each beam meets them, between two instants."""
         oldest = float(ages.max(initial=0.0))
         now = self._cylinders(self._elapsed)
         if oldest <= 0.0:
             return now
         before = self._cylinders(self._elapsed - oldest)
-        moved: Array = now.T[..., None] + (before - now).T[..., None] * (ages / oldest)
-        return moved.T
+        moved: Array = now[..., None] + (before - now)[..., None] * (ages / oldest)
+        return moved
 
     def render(self, camera: Camera) -> Pixels:
         """A noisy colour image (H, W, 3) BGR of the world's now."""
-        return self._renderer.colour(self._shot(camera), self.twist.omega)
+        return self.draw(self._shot(camera), self.twist.omega)
 
     def depth(self, camera: Camera) -> npt.NDArray[np.float32]:
         """Depth (H, W) along the optical axis, m, registered with `render`; nan = nothing."""

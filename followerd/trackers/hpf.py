@@ -51,6 +51,7 @@ class Hpf:
     Settings = HpfSettings
 
     needs = frozenset({"image"})
+    sees = frozenset({"colour", "depth"})
 
     def __init__(self, settings: HpfSettings, rng: np.random.Generator) -> None:
         self.settings = settings

@@ -10,6 +10,7 @@ class Tracker(Protocol):
     """Follows one enrolled person through measurements; no clock, no I/O, no threads."""
 
     needs: frozenset[str]  # streams it must get, e.g. {"image"}
+    sees: frozenset[str]  # kinds of images it can use: colour, depth (with colour), thermal
 
     def enrol(
         self, image: Image, region: Box | tuple[float, float], ego: Pose2 | None
