@@ -123,6 +123,7 @@ def test_one_seed_gives_one_ride() -> None:
     assert not np.array_equal(once.true_x, other.true_x)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("short")
 def test_the_suite_reports_every_scenario_tracker_and_metric() -> None:
     with ThreadPoolExecutor(1) as pool:

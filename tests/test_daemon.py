@@ -93,7 +93,7 @@ def test_the_same_seed_gives_the_same_decisions_to_the_bit() -> None:
         decisions: list[Decision] = []
         figures = simulate(
             load("hpf-sim", {"seed": 5}),
-            12.0,
+            7.0,
             lambda daemon: daemon.decision_watchers.append(decisions.append),
         )
         kept = {key: value for key, value in figures.items() if key not in TIMING}
@@ -105,14 +105,14 @@ def test_the_same_seed_gives_the_same_decisions_to_the_bit() -> None:
 
 
 def test_the_robot_follows_a_person_down_the_corridor() -> None:
-    figures = simulate(load("hpf-sim", {"seed": 4}), 25.0)
+    figures = simulate(load("hpf-sim", {"seed": 4}), 14.0)
     follow = figures["follow"]
     assert follow["tracking_rate"] > 0.95
     assert follow["lost_count"] == 0
     assert follow["collision_count"] == 0
     assert follow["min_person_distance_m"] > 0.6
-    assert figures["mode_s"]["following"] > 18
-    assert figures["frames"] == pytest.approx(25 * 15, abs=3)
+    assert figures["mode_s"]["following"] > 8
+    assert figures["frames"] == pytest.approx(14 * 15, abs=3)
 
 
 def test_nothing_moves_until_somebody_enrols_confirms_and_arms() -> None:

@@ -29,7 +29,9 @@ def kinds(decision: Decision) -> set[StopReason]:
     return {reason.stop for reason in decision.reasons}
 
 
-@pytest.mark.parametrize("speed", [0.3, 0.5, 0.8])
+@pytest.mark.parametrize(
+    "speed", [0.8, *(pytest.param(v, marks=pytest.mark.slow) for v in (0.3, 0.5))]
+)
 def test_a_walking_person_is_followed_at_the_distance_through_stops(speed: float) -> None:
     settings = fast() if speed > 0.6 else PipelineSettings()
     law = ImageCenteringSettings(max_forward_mps=1.0)
