@@ -1,5 +1,6 @@
 """The command line: what it offers, and one line per error."""
 
+import gc
 import os
 import sys
 
@@ -12,7 +13,14 @@ COMMANDS = {  # name -> where it lives, imported only when called; one line for 
     "demo": ("followerd.cli.demo:demo", "Watch a simulated Pioneer follow a person."),
     "run": ("followerd.cli.run:run", "Run the daemon on a config file."),
     "sim": ("followerd.cli.sim:sim", "Offer a simulated robot's serial lines and camera."),
+    "fault": ("followerd.cli.sim:fault", "Let devices of a running simulation fail."),
     "ctl": ("followerd.cli.ctl:ctl", "Speak to a running daemon: enrol, confirm, arm, stop."),
+    "calibrate": ("followerd.cli.calibrate:app", "Measure a camera, and where it sits."),
+    "probe": ("followerd.cli.probe:probe", "Say what is plugged in, and what it answers."),
+    "drive-check": (
+        "followerd.cli.drive_check:drive_check",
+        "Check a robot with its wheels up, before it drives for the first time.",
+    ),
     "check": ("followerd.cli.check:check", "Validate a config file."),
     "schema": ("followerd.cli.check:schema", "Print the JSON Schema of the config."),
     "track": ("followerd.cli.track:track", "Run a tracker alone over a recording."),
@@ -20,6 +28,8 @@ COMMANDS = {  # name -> where it lives, imported only when called; one line for 
 }
 
 INTERRUPTED = 130
+
+gc.set_threshold(50_000, 20, 100)  # before the imports, a tenth of which it takes otherwise
 
 # before NumPy is imported: our matrices are small, and threads that help each other with them
 # cost the daemon more than they save
@@ -57,7 +67,9 @@ def call(tokens: list[str] | None = None) -> int:
 
 def main() -> None:
     """Entry point of `followerd` and `python -m followerd`."""
-    sys.exit(call())
+    code = call()
+    gc.freeze()  # else Python looks through all that a run has left behind once more
+    sys.exit(code)
 
 
 def _say(text: str, code: int) -> int:

@@ -86,20 +86,35 @@ def build(config: Config, plugs: Plugs) -> Daemon:
     cv2.setNumThreads(1)
     # measurements and decisions hold no cycles; looking for them often costs a fifth of the time
     gc.set_threshold(50_000, 20, 100)
+    verify(config)
     tracker = TRACKERS.load(config.tracker.kind)(config.tracker, np.random.default_rng(config.seed))
     controller = CONTROLLERS.load(config.controller.kind)(config.controller)
     base = DRIVERS.load(config.base.kind)(config.base, plugs.base)
     return Daemon(
         base,
-        [
-            DRIVERS.load(config.laser.kind)(config.laser, plugs.laser),
-            DRIVERS.load(config.camera.kind)(config.camera, plugs.camera),
-        ],
+        laser_and_camera(config, plugs),
         tracker,
         Pipeline(pipeline_settings(config), controller),
         config.image_work_s,
         _head(config, plugs, base),
     )
+
+
+def verify(config: Config) -> None:
+    """Raise ConfigError where parts that are good by themselves do not go together."""
+    pipeline_settings(config)
+    seen, wanted = _camera(config).sees, TRACKERS.load(config.tracker.kind).sees
+    if seen not in wanted:
+        raise ConfigError(
+            f"tracker: {config.tracker.kind} needs a camera for {' or '.join(sorted(wanted))};"
+            f" {config.camera.kind} gives {seen} images"
+        )
+
+
+def laser_and_camera(config: Config, plugs: Plugs) -> tuple[Sensor, Sensor]:
+    """The sensors that see a person, without a daemon."""
+    laser = DRIVERS.load(config.laser.kind)(config.laser, plugs.laser)
+    return laser, DRIVERS.load(config.camera.kind)(config.camera, plugs.camera)
 
 
 def for_drive_check(config: Config, plugs: Plugs) -> tuple[Base, Sensor, CutLink]:

@@ -7,6 +7,7 @@ import pytest
 
 from followerd.__main__ import call
 from followerd.errors import OpenError
+from followerd.resources import shipped
 
 
 def said(capsys: pytest.CaptureFixture[str]) -> str:
@@ -28,7 +29,7 @@ def test_an_unknown_command_or_option_is_a_usage_error(capsys: pytest.CaptureFix
         (["run", "none.yaml"], "none.yaml: no such file"),
         (["run", "hpf-sim"], "has links that say sim; give --links, or use followerd demo"),
         (["sim", "corridor", "--links", "x", "--fault", "laser"], "expected DEVICE:NAME@START"),
-        (["sim", "corridor", "--links", "x", "--fault", "ptz:off@1+1"], "no device 'ptz'"),
+        (["sim", "corridor", "--links", "x", "--fault", "arm:off@1+1"], "no device 'arm'"),
         (["demo", "--duration", "-3"], "Must be > 0"),
         (["demo", "--summary", "/nowhere/s.json"], "/nowhere is no folder"),
         (["ctl", "enrol", "1,2,3"], "ctl enrol takes X,Y or X,Y,W,H"),
@@ -48,6 +49,14 @@ def test_wrong_things_get_one_line_and_exit_code_2(
 def test_ctl_without_a_daemon_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert call(["ctl", "status", "--socket", str(tmp_path / "none")]) == 3
     assert "nobody listens at" in said(capsys)
+
+
+def test_a_fault_without_a_simulation_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call(["fault", str(tmp_path), "laser:off+1s"]) == 3
+    assert "simulation: nobody listens at" in (line := said(capsys))
+    assert "is `followerd sim` running?" in line
 
 
 def robot_config(tmp_path: Path, base_link: str) -> Path:
@@ -85,6 +94,24 @@ def test_check_says_what_a_config_sets_up(capsys: pytest.CaptureFixture[str]) ->
     assert call(["check", "hpf"]) == 0
     out = capsys.readouterr().out
     assert "base: p2os at /dev/ttyUSB0" in out
+
+
+@pytest.mark.parametrize(
+    ("changed", "complaint"),
+    [
+        (("kind: camera\n", "kind: thermal\n"), "hpf needs a camera for colour or depth"),
+        (("resolution_deg: 1\n", "resolution_deg: 0.5\n"), "too slow to drive by"),
+    ],
+)
+def test_check_knows_what_does_not_go_together(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], changed: tuple[str, str], complaint: str
+) -> None:
+    text = shipped("hpf.yaml").read_text()
+    assert changed[0] in text
+    path = tmp_path / "mine.yaml"
+    path.write_text(text.replace(*changed))
+    assert call(["check", str(path)]) == 2
+    assert complaint in capsys.readouterr().err
 
 
 def test_check_names_every_fault(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

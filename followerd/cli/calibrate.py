@@ -33,7 +33,17 @@ COVERED = 0.6  # of the image, to know its edges
 NAMED = 5  # images that an error lists
 STRETCH = 20  # times longer than they are, residuals are drawn
 
-app = App(name="calibrate", help="Measure a camera.")
+app = App(name="calibrate", help="Measure a camera, and where it sits.")
+app.command(
+    "followerd.cli.calibrate_mount:mount",
+    name="mount",
+    help="Find where the camera sits from a person who walks about.",
+)
+app.command(
+    "followerd.cli.calibrate_laser:laser",
+    name="laser",
+    help="Find how the laser is turned from a push straight ahead.",
+)
 
 Positive = validators.Number(gt=0)
 
