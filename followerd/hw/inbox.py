@@ -23,6 +23,11 @@ class Inbox(Generic[T]):
         self._waiter: asyncio.Future[None] | None = None
         self._lost: LinkLost | None = None
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing waits to be taken."""
+        return not self._items
+
     def put(self, item: T) -> None:
         """Add an item and wake the reader."""
         self._items.append(item)
@@ -73,10 +78,18 @@ class ByteInbox(Inbox[Received]):
         if self._count >= self._needed:
             self._notify()
 
+    @property
+    def missing(self) -> int:
+        """Bytes, at least 1, that must come until there is something for the reader to do."""
+        return max(1, self._needed - self._count)
+
     async def take(self, at_least: int) -> Received:
         """The oldest chunk; when there is none, waits for `at_least` bytes. Raises LinkLost."""
         self._needed = at_least
-        item = await self.get()
+        try:
+            item = await self.get()
+        finally:
+            self._needed = 1
         self._count -= len(item.data)
         return item
 

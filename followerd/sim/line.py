@@ -34,6 +34,10 @@ class HostPort(Protocol):
     def baud(self) -> int | None:
         """The rate the host has set; None = no line rate of its own (TCP)."""
 
+    @property
+    def missing(self) -> int:
+        """Bytes, at least 1, that its reader waits for: fewer may be handed over later."""
+
     def deliver(self, data: bytes, stamp: float) -> None:
         """Take bytes that crossed the line."""
 
@@ -127,6 +131,7 @@ class Line:
 
     def unplug(self) -> None:
         """Pull the cable: bytes under way are lost, the host notices at once."""
+        self.hand_over()
         self._plugged = False
         self._to_host.clear()
         self._to_twin.clear()
@@ -144,17 +149,38 @@ class Line:
         if self._to_twin:
             due = min(due, self._to_twin[0].due)
         if self._to_host:
-            due = min(due, self._to_host[0].due)
+            due = min(due, self._wanted_at())
         if self._events:
             due = min(due, self._start + self._events[0][0])
         return due
+
+    def _wanted_at(self) -> float:
+        """When a reader has what it waits for, or all that is under way; then it is handed over.
+
+        A timer for each chunk would cost a tenth of a run.
+        """
+        missing = min((port.missing for port in self._ports), default=1)
+        for chunk in self._to_host:
+            missing -= len(chunk.data)
+            if missing <= 0:
+                return chunk.due
+        return self._to_host[-1].due
+
+    def hand_over(self) -> None:
+        """Give the host what has crossed by now."""
+        horizon = clock.now() + RESOLUTION
+        while self._to_host and self._to_host[0].due <= horizon:
+            self._hand_to_host(self._to_host.popleft())
+
+    def expect(self) -> None:
+        """A reader begins to wait, maybe for less than the one before."""
+        self._set_timer()
 
     def _advance(self, now: float) -> None:
         horizon = now + RESOLUTION
         while self._events and self._start + self._events[0][0] <= horizon:
             self._undergo(*self._events.pop(0), now)
-        while self._to_host and self._to_host[0].due <= horizon:
-            self._hand_to_host(self._to_host.popleft(), now)
+        self.hand_over()
         received = False
         while self._to_twin and self._to_twin[0].due <= horizon:
             chunk = self._to_twin.popleft()
@@ -193,9 +219,9 @@ class Line:
             queue.append(_Chunk(start + (first + len(piece)) * byte_time, piece, baud))
         return start + len(data) * byte_time
 
-    def _hand_to_host(self, chunk: _Chunk, now: float) -> None:
+    def _hand_to_host(self, chunk: _Chunk) -> None:
         for port in list(self._ports):
-            port.deliver(self._as_heard(chunk, port.baud), now)
+            port.deliver(self._as_heard(chunk, port.baud), chunk.due)
 
     def _as_heard(self, chunk: _Chunk, baud: int | None) -> bytes:
         """What a receiver at `baud` makes of a chunk: noise when the rates differ."""
@@ -258,7 +284,15 @@ class MemoryStream:
 
     async def read(self, at_least: int = 1) -> Received:
         """The next chunk; raises LinkLost when unplugged or closed."""
+        if self._inbox.is_empty:
+            self._line.hand_over()
+            self._line.expect()
         return await self._inbox.take(at_least)
+
+    @property
+    def missing(self) -> int:
+        """See HostPort."""
+        return self._inbox.missing
 
     def write(self, data: bytes) -> None:
         """Start to send; raises LinkLost when unplugged, closed or stuck."""
@@ -273,10 +307,12 @@ class MemoryStream:
 
     def set_baud(self, baud: int) -> None:
         """Change the line rate of bytes written from now on."""
+        self._line.hand_over()
         self.baud = baud
 
     def discard_input(self) -> None:
         """Forget what was not read."""
+        self._line.hand_over()
         self._inbox.clear()
 
     def close(self) -> None:

@@ -122,6 +122,8 @@ def _offer(fd: int, data: bytes) -> None:
 class PtyPort:
     """A serial port made of a pty."""
 
+    missing: int = 1  # whoever has it open reads bytes as they come
+
     def __init__(self, line: Line, path: Path) -> None:
         self._line = line
         self._path = path
@@ -201,6 +203,7 @@ class TcpPort:
     """A TCP port with one client at a time; further ones are turned away."""
 
     baud: int | None = None
+    missing: int = 1
 
     def __init__(self, line: Line, listener: socket.socket) -> None:
         self._line = line
