@@ -7,14 +7,19 @@ from cyclopts import Parameter
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from followerd.bench import follow, speed, zhuang
+from followerd.bench import follow, speed, tseng, zhuang
 from followerd.bench.report import write_html
 from followerd.bench.rows import Row, table, write_json
 from followerd.bench.sweep import executor
 from followerd.errors import UsageError
 
-Suite = Literal["zhuang", "follow", "speed"]
-SUITES = {"zhuang": zhuang.suite, "follow": follow.suite, "speed": speed.suite}
+Suite = Literal["zhuang", "tseng", "follow", "speed"]
+SUITES = {
+    "zhuang": zhuang.suite,
+    "tseng": tseng.suite,
+    "follow": follow.suite,
+    "speed": speed.suite,
+}
 
 
 def bench(
@@ -27,8 +32,8 @@ def bench(
     json: Path | None = None,
     html: Path | None = None,
 ) -> None:
-    """Run benchmark suites: zhuang (the tracker on rendered images), follow (the whole daemon in
-    closed loop), speed (time per frame).
+    """Run benchmark suites: zhuang (the tracker on rendered images), tseng (a person hidden by
+    boards, in scans), follow (the whole daemon in closed loop), speed (time per frame).
 
     Parameters
     ----------
