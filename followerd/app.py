@@ -103,7 +103,12 @@ def build(config: Config, plugs: Plugs) -> Daemon:
 def verify(config: Config) -> None:
     """Raise ConfigError where parts that are good by themselves do not go together."""
     pipeline_settings(config)
-    seen, wanted = _camera(config).sees, TRACKERS.load(config.tracker.kind).sees
+    tracker = TRACKERS.load(config.tracker.kind)
+    if "image" not in tracker.needs:
+        raise ConfigError(
+            f"tracker: {config.tracker.kind} follows in recordings only (`followerd track`) as yet"
+        )
+    seen, wanted = _camera(config).sees, tracker.sees
     if seen not in wanted:
         raise ConfigError(
             f"tracker: {config.tracker.kind} needs a camera for {' or '.join(sorted(wanted))};"

@@ -69,9 +69,10 @@ class Scripted:
     def __init__(self, *answers: TrackState | None) -> None:
         self._answers = list(answers)
 
-    def enrol(self, image: Image, region: Region, ego: Pose2 | None) -> TrackState:
+    def enrol(self, seen: Image | Scan, region: Region, ego: Pose2 | None) -> TrackState:
+        assert isinstance(seen, Image)
         assert isinstance(region, Box)
-        return TrackState(image.stamp, TrackPhase.TENTATIVE, 1.0, image.id, region)
+        return TrackState(seen.stamp, TrackPhase.TENTATIVE, 1.0, seen.id, region)
 
     def step(
         self,

@@ -32,10 +32,11 @@ class Recorder:
         self.gate: threading.Event | None = None
 
     def enrol(
-        self, image: Image, region: Box | tuple[float, float], ego: Pose2 | None
+        self, seen: Image | Scan, region: Box | tuple[float, float], ego: Pose2 | None
     ) -> TrackState:
-        self.calls.append(("enrol", image.id))
-        return TrackState(image.stamp, TrackPhase.TENTATIVE, 1.0, image.id)
+        assert isinstance(seen, Image)
+        self.calls.append(("enrol", seen.id))
+        return TrackState(seen.stamp, TrackPhase.TENTATIVE, 1.0, seen.id)
 
     def step(
         self,

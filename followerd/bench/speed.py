@@ -49,12 +49,12 @@ class Tape:
         self.region: Box | tuple[float, float] = (0.0, 0.0)
 
     def enrol(
-        self, image: Image, region: Box | tuple[float, float], ego: Pose2 | None
+        self, seen: Image | Scan, region: Box | tuple[float, float], ego: Pose2 | None
     ) -> TrackState:
         """Keep the frame and who is in it."""
         self.region = region
-        self.seen = [(image, ego)]
-        return TrackState(image.stamp, TrackPhase.TENTATIVE, 1.0, image.id)
+        self.seen = [(seen, ego)] if isinstance(seen, Image) else []
+        return TrackState(seen.stamp, TrackPhase.TENTATIVE, 1.0)
 
     def step(
         self,

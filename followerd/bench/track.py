@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -50,6 +50,16 @@ class TrackRow:
         place = (f"{b.x:.3f}", f"{b.y:.3f}", f"{b.w:.3f}", f"{b.h:.3f}") if b else ("",) * 4
         stamp, confidence = f"{self.stamp:.4f}", f"{self.confidence:.3f}"
         return (str(self.index), stamp, *place, self.status, confidence)
+
+
+class Row(Protocol):
+    """What can stand in a CSV file."""
+
+    def cells(self) -> tuple[str, ...]:
+        """The line's cells."""
+
+
+R = TypeVar("R", bound=Row)
 
 
 class Step(NamedTuple):
@@ -116,13 +126,13 @@ def follow(
         raise UsageError(f"--start {start}: the source has only {seen} frames")
 
 
-def write_csv(path: Path, rows: Iterable[TrackRow]) -> list[TrackRow]:
+def write_csv(path: Path, rows: Iterable[R], columns: Sequence[str] = COLUMNS) -> list[R]:
     """Write the rows as they come, and return them; raises UsageError."""
     done = []
     try:
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(COLUMNS)
+            writer.writerow(columns)
             for row in rows:
                 writer.writerow(row.cells())
                 done.append(row)

@@ -32,20 +32,22 @@ def velocity(
         return _capped(slope.conj())
     off = at[:, None] - centres
     to_sink = sink[:, None] - centres
-    apart = np.abs(off)
-    inside = apart < radii
-    goal_inside = np.abs(to_sink) < RIM * radii
-    inverse = radii**2 / np.where(goal_inside, 1.0, to_sink).conj()
-    images = _reciprocal(off - inverse) - _reciprocal(off)
-    images[inside | goal_inside] = 0.0
+    gap = np.sqrt(off.real**2 + off.imag**2) - radii
+    nobody = (gap < 0.0) | (to_sink.real**2 + to_sink.imag**2 < (RIM * radii) ** 2)
+    # 1 / (off - inverse) - 1 / off with the inverse point a² / conj(to_sink), in one fraction
+    power = radii**2
+    divisor = off * (off * to_sink.conj() - power)
+    size2 = divisor.real**2 + divisor.imag**2
+    size2[nobody] = np.inf
+    images = ((power / size2) * divisor).conj()
     flow = _capped((slope - strength * images.sum(axis=1)).conj())
     rows = np.arange(at.size)
-    nearest = (apart - radii).argmin(axis=1)
-    outward = off[rows, nearest] / np.maximum(apart[rows, nearest], NEAREST)
+    nearest = gap.argmin(axis=1)
+    gap, off = gap[rows, nearest], off[rows, nearest]
+    outward = off / np.maximum(gap + radii[nearest], NEAREST)
     into = np.minimum((flow * outward.conj()).real, 0.0)
-    close = apart[rows, nearest] - radii[nearest] < WALL
-    flow -= np.where(close, into, 0.0) * outward
-    flow += np.where(inside[rows, nearest], OUTWARD, 0.0) * outward
+    flow -= np.where(gap < WALL, into, 0.0) * outward
+    flow += np.where(gap < 0.0, OUTWARD, 0.0) * outward
     return _capped(flow)
 
 

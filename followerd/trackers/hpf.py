@@ -69,9 +69,12 @@ class Hpf:
         self._velocity: tuple[float, float] | None = None  # m/s, in `odom`
 
     def enrol(
-        self, image: Image, region: Box | tuple[float, float], ego: Pose2 | None
+        self, seen: Image | Scan, region: Box | tuple[float, float], ego: Pose2 | None
     ) -> TrackState:
         """Learn the person in `region`; see Tracker. Raises UsageError."""
+        if not isinstance(seen, Image):
+            raise UsageError("hpf follows a person in images, not in scans")
+        image = seen
         if image.pixels.ndim != 3:
             raise UsageError("hpf tracks by colour; this camera is grey")
         self.forget()

@@ -13,12 +13,13 @@ class Tracker(Protocol):
     sees: frozenset[str]  # kinds of images it can use: colour, depth (with colour), thermal
 
     def enrol(
-        self, image: Image, region: Box | tuple[float, float], ego: Pose2 | None
+        self, seen: Image | Scan, region: Box | tuple[float, float], ego: Pose2 | None
     ) -> TrackState:
-        """Learn the person in `region` (a box or a clicked point, px) of `image`.
+        """Learn the person in `region` of what is `seen`.
 
-        `ego` is `odom_from_base` at the image's stamp, None without odometry.
-        Raises UsageError when the region does not lie in the image or shows nothing to learn.
+        That is a box or a clicked point (px) of an image, or a point (m, `base`) of a scan. `ego`
+        is `odom_from_base` at its stamp, None without odometry. Raises UsageError when the tracker
+        does not learn from such a thing, or the region is not in it or shows nothing to learn.
         """
 
     def step(
