@@ -2,4 +2,7 @@
 
 from followerd.registry import Registry
 
-TRACKERS = Registry("followerd.trackers", {"hpf": "followerd.trackers.hpf:Hpf"})
+TRACKERS = Registry(
+    "followerd.trackers",
+    {"hpf": "followerd.trackers.hpf:Hpf", "ofkf": "followerd.trackers.ofkf:Ofkf"},
+)

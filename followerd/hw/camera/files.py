@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from followerd.errors import DeviceError, UsageError
+from followerd.geometry import Array
 from followerd.hw.camera.protocol import Frame
 
 NOMINAL_RATE = 25.0  # frames a second where a recording does not say
@@ -91,10 +92,20 @@ class Video:
 
 
 def _read(path: Path) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
-    pixels = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    pixels = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
     if pixels is None:
         raise DeviceError(str(path), "cannot be read as an image", "is the file damaged?")
+    if pixels.dtype != np.uint8:
+        pixels = _stretched(np.asarray(pixels, float))
     return np.asarray(pixels, np.uint8)
+
+
+def _stretched(pixels: Array) -> Array:
+    """Deeper pixels in 8 bits, by the image's own range, as a thermal camera's automatic gain
+    does; a few dead or burning pixels have no say in it."""
+    low, high = np.percentile(pixels[::4, ::4], (0.1, 99.9)).tolist()
+    scaled: Array = (pixels - low) * (255.0 / max(high - low, 1.0))
+    return np.clip(scaled, 0.0, 255.0)
 
 
 def _by_number(path: Path) -> list[tuple[int, str]]:
