@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from followerd.bench import motai
 from followerd.bench.motai import Job, run
 from followerd.estimation.arbitration import Axis, Kf, Kind, Look, Of, OfKf, predictor
-from followerd.estimation.pan_flow import angles, camera_flow, following_turn
+from followerd.estimation.pan_flow import angles, camera_flow, following_turn, pixels
 
 FOCAL = 686.0
 T = 1 / 15
@@ -29,6 +29,12 @@ def look(k: int, pan_seen: float, head: float = 0.0, tilt_seen: float = 0.0) -> 
 def test_a_look_gives_the_direction_it_was_made_from(pan: float, tilt: float, head: float) -> None:
     seen = look(0, pan + head, head, tilt)
     assert np.degrees(seen.angles) == pytest.approx((pan + head, tilt), abs=1e-9)
+
+
+@given(st.floats(-20, 20), st.floats(-15, 15), st.floats(-40, 40))
+def test_a_direction_is_seen_where_it_came_from(pan: float, tilt: float, head: float) -> None:
+    seen = look(0, pan + head, head, tilt)
+    assert pixels(seen.angles, seen.pan, seen.tilt, FOCAL) == pytest.approx((seen.x, seen.y))
 
 
 @given(

@@ -4,7 +4,7 @@ Motai, Jha and Kruse 2012, section 4. Image x right and y down from the centre, 
 Angles left and up positive (REP-103), so that the paper's omega_y is -pan' and omega_x is tilt'.
 """
 
-from math import atan, sqrt
+from math import atan, sqrt, tan
 
 Pair = tuple[float, float]
 
@@ -12,6 +12,12 @@ Pair = tuple[float, float]
 def angles(x: float, y: float, pan: float, tilt: float, focal: float) -> Pair:
     """Direction (pan, tilt), rad, of image point (x, y) by a head at (pan, tilt) (eq. 21-23)."""
     return pan - atan(x / focal), tilt - atan(y / sqrt(focal * focal + x * x))
+
+
+def pixels(direction: Pair, pan: float, tilt: float, focal: float) -> Pair:
+    """Image point (x, y) where a head at (pan, tilt) sees a direction; the inverse of `angles`."""
+    x = focal * tan(pan - direction[0])
+    return x, sqrt(focal * focal + x * x) * tan(tilt - direction[1])
 
 
 def camera_flow(

@@ -41,7 +41,7 @@ class View:
     size: tuple[float, float]  # expected width and height of the person, window px
     codes: Codes  # (SIDE, SIDE)
     seen: Part  # inside the image
-    patch: Pixels  # (SIDE, SIDE, 3)
+    patch: Pixels  # (SIDE, SIDE, 3), or (SIDE, SIDE) of a grey image
     ratio: Map  # (SIDE, SIDE) log colour ratio, 0 outside the image
     colours: Map  # (SIDE, SIDE) its contrast for boxes of the expected size
     cells: Channels | None  # (C, CELLS, CELLS) what the template sees
@@ -238,8 +238,8 @@ def _features(patch: Pixels, ratio: Map, seen: Part) -> Channels:
 
     Outside the image there is nothing: its border must not become part of the person.
     """
-    grey = np.asarray(cv2.cvtColor(patch, cv2.COLOR_BGR2GRAY), np.uint8)
-    features = gradients.channels(grey, ratio)
+    grey = cv2.cvtColor(patch, cv2.COLOR_BGR2GRAY) if patch.ndim == 3 else patch
+    features = gradients.channels(np.asarray(grey, np.uint8), ratio)
     if not is_whole(seen, ratio):
         lines = np.zeros((2, SIDE), np.float32)
         lines[0, seen[0]] = lines[1, seen[1]] = 1.0 / CELL

@@ -18,8 +18,9 @@ DARK = 30  # of 255: same
 
 
 def encode(pixels: Pixels) -> Codes:
-    """Colour codes (H, W) of an image (H, W, 3) BGR: 5 bits each of red, green, blue."""
-    packed = cv2.cvtColor(np.ascontiguousarray(pixels), cv2.COLOR_BGR2BGR555)
+    """Colour codes (H, W) of an image (H, W, 3) BGR or (H, W) grey: 5 bits each of R, G, B."""
+    packing = cv2.COLOR_BGR2BGR555 if pixels.ndim == 3 else cv2.COLOR_GRAY2BGR555
+    packed = cv2.cvtColor(np.ascontiguousarray(pixels), packing)
     return packed.view(np.uint16).reshape(pixels.shape[:2])
 
 

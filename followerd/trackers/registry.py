@@ -4,5 +4,9 @@ from followerd.registry import Registry
 
 TRACKERS = Registry(
     "followerd.trackers",
-    {"hpf": "followerd.trackers.hpf:Hpf", "legs": "followerd.trackers.legs:Legs"},
+    {
+        "hpf": "followerd.trackers.hpf:Hpf",
+        "legs": "followerd.trackers.legs:Legs",
+        "ofkf": "followerd.trackers.ofkf:Ofkf",
+    },
 )

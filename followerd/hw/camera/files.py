@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from followerd.errors import DeviceError, UsageError
+from followerd.geometry import Array
 from followerd.hw.camera.protocol import Frame
 from followerd.hw.camera.tone import Tone
 from followerd.messages import Pixels
@@ -103,15 +104,25 @@ class Video:
 
 def _read(path: Path, tone: Tone | None) -> Pixels:
     grey = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH
-    pixels = cv2.imread(str(path), cv2.IMREAD_COLOR if tone is None else grey)
+    colour = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH
+    pixels = cv2.imread(str(path), colour if tone is None else grey)
     if pixels is None:
         raise DeviceError(str(path), "cannot be read as an image", "is the file damaged?")
     if tone is None:
-        return np.asarray(pixels, np.uint8)
+        deep = pixels.dtype != np.uint8
+        return np.asarray(_stretched(np.asarray(pixels, float)) if deep else pixels, np.uint8)
     if pixels.dtype not in (np.uint8, np.uint16):
         remedy = "give 8-bit or 16-bit grey images"
         raise DeviceError(str(path), f"has {pixels.dtype} pixels", remedy)
     return tone(np.asarray(pixels, np.uint8 if pixels.dtype == np.uint8 else np.uint16))
+
+
+def _stretched(pixels: Array) -> Array:
+    """Deeper pixels in 8 bits, by the image's own range, as a thermal camera's automatic gain
+    does; a few dead or burning pixels have no say in it."""
+    low, high = np.percentile(pixels[::4, ::4], (0.1, 99.9)).tolist()
+    scaled: Array = (pixels - low) * (255.0 / max(high - low, 1.0))
+    return np.clip(scaled, 0.0, 255.0)
 
 
 def _by_number(path: Path) -> list[tuple[int, str]]:
