@@ -233,6 +233,11 @@ def test_a_packet_whose_end_is_lost_does_not_eat_the_next_one() -> None:
     assert decoder.feed(frame(b"\xfe late")[:-1]) == []
     assert decoder.settle() == []
     assert decoder.feed(frame(b"\xfe late")[-1:]) == [Packet(b"\xfe late")]
+    for pieces in ([frame(b"next")], [b"\xfa", frame(b"next")[1:]]):  # as a chunk, and in two
+        cut_off = PacketDecoder()
+        assert cut_off.feed(frame(b"a long one that is cut off")[:-9]) == []
+        assert cut_off.settle() == []
+        assert [cut_off.feed(piece) for piece in pieces][-1] == [Packet(b"next")]
 
 
 @given(st.lists(payloads, min_size=1, max_size=4), st.data())
