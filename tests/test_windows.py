@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from followerd.messages import Pixels
-from followerd.perception.maps import LEAST_SEEN, RING, contrast, reach
+from followerd.perception.maps import LEAST_SEEN, RING, contrast, reach, sampled
 from followerd.perception.template import Fourier, Template
 from followerd.perception.window import BODY, SIDE, Window
 
@@ -104,3 +104,13 @@ def test_a_template_answers_where_its_person_went() -> None:
     assert there > 3.0 * abs(elsewhere)
     spectrum = template.spectrum(moved)
     assert template.vouch(spectrum, there) > 5.0 > template.vouch(spectrum, elsewhere)
+
+
+def test_any_number_of_points_is_sampled() -> None:
+    rng = np.random.default_rng(4)
+    values = rng.random((40, 40)).astype(np.float32)
+    points = rng.uniform(-2.0, 42.0, (100_000, 2))
+    found = sampled(values, points)
+    assert found.shape == (100_000,)
+    picked = rng.integers(0, 100_000, 50)
+    assert np.array_equal(found[picked], sampled(values, points[picked]))

@@ -14,6 +14,7 @@ Map = npt.NDArray[np.float32]
 RING = 1.5  # outer size of the ring around a box, of the box
 REACH = 1.0  # box sizes from its middle that a person's edge is looked for
 NONE, HALF, NOTHING = np.float32(0.0), np.float32(0.5), np.empty(0, np.float32)
+WIDEST = 32_000  # points: OpenCV remaps onto fewer than 2^15 columns
 LEAST_SEEN = 0.3  # share of a box: with less in view, scores fade
 
 
@@ -79,6 +80,9 @@ def _odd(size: float) -> int:
 
 def sampled(values: Map, points: Array, cell: float = 1.0) -> Array:
     """Interpolated values (N,) of a map at points (N, 2); a value of the map is `cell` px large."""
+    if len(points) > WIDEST:
+        parts = np.array_split(points, -(-len(points) // WIDEST))
+        return np.concatenate([sampled(values, part, cell) for part in parts])
     at = np.empty((1, len(points), 2), np.float32)
     np.divide(points, cell, out=at[0], casting="same_kind")
     at -= HALF
