@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
@@ -263,6 +263,8 @@ def test_a_ring_shorter_than_its_header_says_is_refused() -> None:
         Ring(layout, memoryview(bytearray(layout.size - 1)))
 
 
+@example(RingLayout(4, 3, depth=True), [1, 4])
+@example(RingLayout(4, 3, channels=1), [2])
 @given(layouts, st.lists(st.integers(1, 5), max_size=20))
 def test_a_reader_gets_the_newest_frame_whole_and_each_only_once(
     layout: RingLayout, bursts: list[int]

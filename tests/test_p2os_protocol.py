@@ -5,7 +5,7 @@ from math import cos, radians, sin
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from followerd.hw.p2os.commands import (
@@ -261,6 +261,8 @@ def test_a_damaged_packet_can_be_given_a_valid_checksum() -> None:
         assert packet.payload == damaged[3:-2]
 
 
+@example(b"\xfa\xfb\x01\x00")  # no packet is so short
+@example(frame(b"whole") + b"\xfa\xfb\x09cut")
 @given(noise | st.binary(max_size=300))
 def test_mending_checksums_keeps_the_length_and_takes_anything(data: bytes) -> None:
     mended = with_checksum(data)
