@@ -116,6 +116,7 @@ def test_an_interval_is_of_runs_not_of_scans() -> None:
     assert bootstrapped(np.zeros((4, 3)), mean) == (None, None)
 
 
+@pytest.mark.slow
 def test_a_run_is_the_same_every_time_and_gives_every_figure() -> None:
     outcomes = [run(Job("boards", 7, quick=True)) for _ in range(2)]
     for name in tseng.TRACKERS:

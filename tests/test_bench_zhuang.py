@@ -115,6 +115,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(zhuang, "CASES", cut)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("short")
 def test_one_seed_gives_one_ride() -> None:
     once, again, other = (zhuang.run(zhuang.Job("S3", "hpf/default", seed)) for seed in (1, 1, 2))

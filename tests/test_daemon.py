@@ -157,7 +157,11 @@ def test_an_operator_enrols_arms_holds_and_stops() -> None:
 
 @pytest.mark.parametrize(
     ("device", "reason", "stands_within"),
-    [("laser", "laser", 1.9), ("robot", "base", 3.9), ("camera", "camera", 4.0)],
+    [
+        ("robot", "base", 3.9),
+        pytest.param("laser", "laser", 1.9, marks=pytest.mark.slow),
+        pytest.param("camera", "camera", 4.0, marks=pytest.mark.slow),
+    ],
 )
 def test_the_robot_stops_when_a_cable_is_pulled(
     device: str, reason: str, stands_within: float
