@@ -1,7 +1,6 @@
 """How fast the LMS200 decoder is, and what the driver costs while it streams (CPU time)."""
 
 import asyncio
-import os
 import time
 from contextlib import suppress
 from multiprocessing import get_context
@@ -84,7 +83,6 @@ def drive(link: str, said: "SimpleQueue[float]") -> None:
     clock.run(story())
 
 
-@pytest.mark.skipif(os.getloadavg()[0] > (os.cpu_count() or 1), reason="the computer is busy")
 def test_the_driver_leaves_the_core_to_others_at_75_scans_a_second(tmp_path: Path) -> None:
     path = tmp_path / "laser"
     spawn = get_context("spawn")

@@ -12,7 +12,6 @@ from typing import Any, Self
 
 STOPPED, MOVING = 0x32, 0x33
 TYPES = range(0x30, 0x40)  # 0x3S, S = motor state
-ANGLE_UNITS = 4096  # per turn
 WRAP = 1 << 15  # XPOS and YPOS count modulo this
 
 _HEAD = struct.Struct("<BHHhhhBBBhHBB")  # type .. sonar count
