@@ -260,6 +260,17 @@ class Place:
     seen: bool = True  # False: hidden by somebody, where they should be by now
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotPose:
+    """Where the robot is on the map, as a localizer has it."""
+
+    stamp: float  # s, of the scan it stands on
+    map_from_base: Pose2
+    map_from_odom: Pose2
+    covariance: Array  # (3, 3) of x, y, theta of `map_from_base`
+    lost: bool = False  # what is seen does not fit the map: not to be relied on
+
+
 class StopReason(Enum):
     """Why the robot stands, or moves less than wished; the value is the text for people."""
 

@@ -6,14 +6,24 @@ from math import inf
 from pydantic import Field, PositiveFloat
 
 from followerd.control.freshness import Freshness, StreamName
-from followerd.control.guard import Guard, Situation, View
-from followerd.control.interfaces import Controller, Target
+from followerd.control.guard import Guard, Situation
+from followerd.control.interfaces import Controller, Scene, Target, View
 from followerd.control.limits import GuardSettings
 from followerd.control.mode import Action, Modes, ModeSettings, Permission
 from followerd.estimation.ego_motion import EgoMotion, EgoMotionSettings
 from followerd.estimation.ranging import Person, Ranging, RangingSettings
 from followerd.geometry import Pose2
-from followerd.messages import Decision, Fault, Odometry, Place, Scan, TrackState, Twist, Wish
+from followerd.messages import (
+    Decision,
+    Fault,
+    Odometry,
+    Place,
+    Scan,
+    TrackPhase,
+    TrackState,
+    Twist,
+    Wish,
+)
 from followerd.perception.clusters import ClusterSettings, find_clusters
 from followerd.settings import Settings
 
@@ -87,7 +97,7 @@ class Pipeline:
         refused = self._take(event, now)
         permission = self.modes.permission(now)
         base, person = self.ego_at(now), self.ranging.person(now)
-        wish = None if base is None else self._wish(permission, person, base)
+        wish = None if base is None else self._wish(permission, person, base, now)
         target = None if person is None else person.position
         seen = (self._odometry, self._view, target, self.ranging.claimed)
         cause, received = CAUSES.get(type(event), ""), getattr(event, "received", None)
@@ -145,11 +155,22 @@ class Pipeline:
         self._track = track
         self.modes.track(track, inf if person is None else person.sigma, now)
 
-    def _wish(self, permission: Permission, person: Person | None, base: Pose2) -> Wish | None:
+    def _wish(
+        self, permission: Permission, person: Person | None, base: Pose2, now: float
+    ) -> Wish | None:
         if permission.search:
             return Twist(0.0, permission.search)
+        target = self._target(person, base)
+        if target is None:
+            return None
+        twist = self.ego_motion.twist_at(now) or Twist()
+        seen = self._odometry, self._view, self.ranging.claimed
+        return self.controller.wish(target, Scene(now, base, twist, *seen))
+
+    def _target(self, person: Person | None, base: Pose2) -> Target | None:
+        phase = TrackPhase.LOST if self._track is None else self._track.phase
         if person is not None:
             distance, bearing = person.seen_from(base)
-            return self.controller.wish(Target(bearing, distance, person.velocity_in(base)))
+            return Target(bearing, distance, person.velocity_in(base), person.sigma, phase)
         sight = self.ranging.bearing(base)
-        return None if sight is None else self.controller.wish(Target(sight))
+        return None if sight is None else Target(sight, phase=phase)

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from followerd.control.freshness import Freshness
-from followerd.control.guard import Guard, Situation, View
+from followerd.control.guard import Guard, Situation
+from followerd.control.interfaces import View
 from followerd.control.limits import GuardSettings
 from followerd.control.mode import Permission
 from followerd.geometry import Array, Pose2

@@ -5,6 +5,7 @@ from math import hypot, inf, radians
 
 from followerd.control.clearance import stopping_speed
 from followerd.control.freshness import Freshness
+from followerd.control.interfaces import View
 from followerd.control.limits import GuardSettings
 from followerd.control.mode import Permission
 from followerd.control.obstacles import Echoes, Obstacles, returns, together
@@ -15,13 +16,11 @@ from followerd.control.plausible import (
     is_plausible_scan,
 )
 from followerd.control.way import Way
-from followerd.geometry import Array, Pose2
+from followerd.geometry import Pose2
 from followerd.messages import (
-    Clusters,
     Command,
     Odometry,
     Reason,
-    Scan,
     StopReason,
     TurnBy,
     Twist,
@@ -33,16 +32,6 @@ TRIES = 4  # arcs looked at before the robot only turns
 INSTANT = 0.001  # s, taken to pass between two checks: what stands keeps trying the way
 CRAWL = 0.01  # m/s or rad/s: less is not worth moving for
 FROM_MODES = Reason(StopReason.LIMIT, "modes")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class View:
-    """A scan, and where it was taken."""
-
-    scan: Scan
-    points: Array  # (N, 2) m, end points in `base` then, nan where nothing was seen
-    clusters: Clusters
-    base: Pose2  # odom_from_base then
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,7 +9,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from followerd.control.interfaces import Target
+from followerd.control.interfaces import Scene, Target
 from followerd.messages import Twist
 from followerd.settings import Settings
 
@@ -43,7 +43,7 @@ class ImageCentering:
     def __init__(self, settings: ImageCenteringSettings | None = None) -> None:
         self.settings = settings or ImageCenteringSettings()
 
-    def wish(self, target: Target) -> Twist:
+    def wish(self, target: Target, _: Scene | None = None) -> Twist:
         """The motion that follows `target`; no forward speed without a range."""
         paper = self.settings.profile == "paper"
         v, omega = self._stepwise(target) if paper else self._smooth(target)

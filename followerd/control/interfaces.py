@@ -1,9 +1,11 @@
 """What a follow law is to the pipeline, and what it is told."""
 
 from dataclasses import dataclass
+from math import inf
 from typing import Protocol
 
-from followerd.messages import Wish
+from followerd.geometry import Array, Pose2
+from followerd.messages import Clusters, Odometry, Scan, TrackPhase, Twist, Wish
 
 
 @dataclass(frozen=True, slots=True)
@@ -13,10 +15,34 @@ class Target:
     bearing: float  # rad, left positive
     range: float | None = None  # m; None = unknown
     velocity: tuple[float, float] = (0.0, 0.0)  # m/s over the ground, along the axes of `base`
+    sigma: float = inf  # m, of the position
+    phase: TrackPhase = TrackPhase.CONFIRMED
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """A scan, and where it was taken."""
+
+    scan: Scan
+    points: Array  # (N, 2) m, end points in `base` then, nan where nothing was seen
+    clusters: Clusters
+    base: Pose2  # odom_from_base then
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """What a follow law may look at besides its target."""
+
+    now: float  # s
+    base: Pose2  # odom_from_base now
+    twist: Twist  # of the robot now
+    odometry: Odometry | None = None  # newest report of the base
+    view: View | None = None  # newest scan
+    claimed: tuple[slice, ...] = ()  # beams of the view that show the followed person
 
 
 class Controller(Protocol):
     """A follow law: it only wishes; the modes and the guard decide."""
 
-    def wish(self, target: Target) -> Wish:
+    def wish(self, target: Target, scene: Scene, /) -> Wish:
         """The motion that follows `target`."""

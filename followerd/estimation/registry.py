@@ -1,0 +1,5 @@
+"""The localizers a config can name; each class takes its settings, a map and a generator."""
+
+from followerd.registry import Registry
+
+LOCALIZERS = Registry("followerd.localizers", {})
