@@ -1,8 +1,8 @@
 """How far away the person is: image bearing and range, and legs in the laser, in one filter.
 
-State x = [px, py, vx, vy] of the person in `odom`, constant velocity; x P F Q z H R y S K as in
-the textbook. A measurement is taken along (range) and across (bearing) its own line of sight,
-one scalar at a time, so that either half may be missing.
+The person is a point in `odom` that moves with nearly constant velocity. A measurement is taken
+along (range) and across (bearing) its own line of sight, one scalar at a time, so that either half
+may be missing.
 """
 
 from dataclasses import dataclass, replace
@@ -12,9 +12,12 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
+from followerd.estimation.moving_point import MovingPoint
 from followerd.geometry import Array, Pose2, wrap_angle
 from followerd.messages import Clusters, Place, TrackPhase, TrackState
 from followerd.settings import Settings
+
+START_VARIANCE = 0.5  # (m/s)², of the velocity of somebody just found
 
 
 class RangingSettings(Settings):
@@ -78,8 +81,7 @@ class Ranging:
 
     def forget(self) -> None:
         """Drop the person."""
-        self._x: Array | None = None
-        self._P: Array = np.eye(4)
+        self._state: MovingPoint | None = None
         self._stamp = -inf
         self._foreseen: Person | None = None  # by the last call of `person`
         self._foreseen_at = nan  # s; nan: the state has changed since
@@ -102,7 +104,7 @@ class Ranging:
         self._sight = wrap_angle(base.theta + track.bearing)
         sigma = track.range_sigma or self.settings.range_sigma_m
         sigma = max(sigma, self.settings.range_share * (track.range or 0.0))
-        if self._x is None or self._rejected >= self.settings.max_rejected:
+        if self._state is None or self._rejected >= self.settings.max_rejected:
             if track.range is not None:
                 self._start(track.range, sigma, base, track.stamp)
             return
@@ -119,7 +121,7 @@ class Ranging:
         if track is None or track.bearing is None:
             return
         is_sure = track.phase is TrackPhase.CONFIRMED
-        if not is_sure and (track.phase is not TrackPhase.OCCLUDED or self._x is None):
+        if not is_sure and (track.phase is not TrackPhase.OCCLUDED or self._state is None):
             return
         if abs(clusters.stamp - track.stamp) > self.settings.max_track_age_s:
             return
@@ -131,7 +133,7 @@ class Ranging:
         direction = atan2(middle[1], middle[0])
         along = wrap_angle(base.theta + direction)
         sigma = self.settings.legs_sigma_m if legs.size == 2 else self.settings.leg_sigma_m
-        if self._x is None:
+        if self._state is None:
             self._sight = along
             self._start(distance, sigma, base, clusters.stamp)
         else:
@@ -144,12 +146,11 @@ class Ranging:
 
     def person(self, stamp: float) -> Person | None:
         """The person at `stamp`; None when the position is unknown."""
-        if self._x is None:
+        if self._state is None:
             return None
         if stamp != self._foreseen_at:
-            state, P = self._predicted(stamp)
-            x, y, vx, vy = state.tolist()
-            person = Person((x, y), (vx, vy), P)
+            state = self._state.after(stamp - self._stamp, self.settings.accel_density)
+            person = Person((state.x, state.y), (state.u, state.v), state.covariance)
             self._foreseen = person if person.sigma <= self.settings.max_sigma_m else None
             self._foreseen_at = stamp
         return self._foreseen
@@ -247,29 +248,19 @@ class Ranging:
         return radians(self.settings.bearing_sigma_deg)
 
     def _start(self, distance: float, sigma: float, base: Pose2, stamp: float) -> None:
-        u = np.array([cos(self._sight), sin(self._sight)])
-        t = np.array([-u[1], u[0]])
-        self._x = np.array([base.x + distance * u[0], base.y + distance * u[1], 0.0, 0.0])
+        a, b = cos(self._sight), sin(self._sight)
         across = max(distance * self._bearing_sigma(), self.settings.legs_sigma_m)
-        self._P = np.diag([0.0, 0.0, 0.5, 0.5])
-        self._P[:2, :2] = sigma**2 * np.outer(u, u) + across**2 * np.outer(t, t)
+        along2, across2 = sigma * sigma, across * across
+        self._state = MovingPoint(
+            *(base.x + distance * a, base.y + distance * b, 0.0, 0.0),
+            *(along2 * a * a + across2 * b * b, (along2 - across2) * a * b),
+            along2 * b * b + across2 * a * a,
+            *(0.0, 0.0, 0.0, 0.0),
+            *(START_VARIANCE, 0.0, START_VARIANCE),
+        )
         self._stamp = stamp
         self._foreseen_at = nan
         self._rejected = 0
-
-    def _predicted(self, stamp: float) -> tuple[Array, Array]:
-        """State and covariance at `stamp`; a time before the state's is met without noise."""
-        assert self._x is not None
-        dt = stamp - self._stamp
-        if dt == 0.0:
-            return self._x, self._P
-        x, P = self._x.copy(), self._P.copy()
-        # F x and F P F', F being the identity but for dt from velocity to position
-        x[:2] += dt * x[2:]
-        P[:2] += dt * P[2:]
-        P[:, :2] += dt * P[:, 2:]
-        P += _accelerated(self.settings.accel_density, max(0.0, dt))
-        return x, P
 
     def _measure(
         self,
@@ -281,37 +272,28 @@ class Ranging:
         sight: float | None = None,
     ) -> None:
         """Take a line of sight in `odom`, and a distance along it."""
+        assert self._state is not None
         self._foreseen_at = nan
         if stamp > self._stamp:
-            self._x, self._P = self._predicted(stamp)
-            self._stamp = stamp
+            density = self.settings.accel_density
+            self._state, self._stamp = self._state.after(stamp - self._stamp, density), stamp
         along = self._sight if sight is None else sight
         u, t = (cos(along), sin(along)), (-sin(along), cos(along))
-        assert self._x is not None
+        then = self._state
         dt = stamp - self._stamp  # negative: an image that took longer than the scan after it
-        x, y = self._x[:2] + dt * self._x[2:] - (base.x, base.y)
-        reach = max(0.3, float(x * u[0] + y * u[1]))
+        x, y = then.x + dt * then.u - base.x, then.y + dt * then.v - base.y
+        reach = max(0.3, x * u[0] + y * u[1])
         fits = self._update(t, -(x * t[0] + y * t[1]), (reach * bearing_sigma) ** 2, dt)
         if distance is not None:
             off = distance - (x * u[0] + y * u[1])
             fits &= self._update(u, off, range_sigma**2, dt)
         self._rejected = 0 if fits else self._rejected + 1
 
-    def _update(self, direction: tuple[float, float], y: float, R: float, dt: float) -> bool:
+    def _update(
+        self, direction: tuple[float, float], off: float, variance: float, dt: float
+    ) -> bool:
         """One scalar along `direction`, `dt` from the state's time; False when it is gated out."""
-        H = np.array([direction[0], direction[1], dt * direction[0], dt * direction[1]])
-        PH = self._P @ H
-        S = float(H @ PH) + R
-        if y * y > self.settings.gate**2 * S:
-            return False
-        K = PH / S
-        self._x = self._x + K * y
-        self._P = self._P - np.outer(K, PH)
-        self._P = 0.5 * (self._P + self._P.T)
-        return True
-
-
-def _accelerated(density: float, t: float) -> Array:
-    """Q (4, 4) of a white noise of the acceleration after `t` seconds."""
-    v, vp, p = density * t, density * (t**2 / 2), density * (t**3 * (1 / 3))
-    return np.array([[p, 0, vp, 0], [0, p, 0, vp], [vp, 0, v, 0], [0, vp, 0, v]])
+        assert self._state is not None
+        corrected = self._state.corrected(direction, off, variance, dt, self.settings.gate)
+        self._state = corrected or self._state
+        return corrected is not None
