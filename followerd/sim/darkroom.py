@@ -7,19 +7,29 @@ own thus uses a second core for the quarter of its work that can wait so long.
 
 import multiprocessing
 import os
+import pickle
 import signal
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from itertools import cycle
+from mmap import mmap
 from multiprocessing.connection import Connection
+from struct import Struct
 
 import cv2
 import numpy as np
 
 from followerd.errors import Stopped
+from followerd.geometry import Camera, Pose2
 from followerd.messages import Pixels
 from followerd.sim.render import Draw, Shot
 from followerd.sim.rig import Rig
+
+# an order: pose of the robot, time and turn rate, then the camera if it looks otherwise than before
+ORDER = Struct("5d")
+DRAWN = b"\0"  # the answer
+MOST = 4  # pictures that are not fetched yet
 
 
 @contextmanager
@@ -28,10 +38,13 @@ def darkroom(rig: Rig) -> Iterator[None]:
     cv2.setNumThreads(1)  # a forked process would wait for threads that it has not got
     fork = multiprocessing.get_context("fork")
     ours, theirs = fork.Pipe()
-    process = fork.Process(target=_draw_all, args=(rig.world.draw, theirs, ours), daemon=True)
+    prints = _shared_pictures(MOST, rig.camera.layout.height, rig.camera.layout.width)
+    process = fork.Process(
+        target=_draw_all, args=(rig.world.draw, prints, theirs, ours), daemon=True
+    )
     process.start()
     theirs.close()
-    room = Darkroom(ours)
+    room = Darkroom(ours, prints)
     rig.world.draw, rig.camera.develop = room.colour, room.finish
     try:
         yield
@@ -40,20 +53,35 @@ def darkroom(rig: Rig) -> Iterator[None]:
         process.join()
 
 
+def _shared_pictures(count: int, height: int, width: int) -> Pixels:
+    """Blank pictures (count, height, width, 3) in memory that a forked process has too."""
+    memory = mmap(-1, count * height * width * 3)
+    return np.frombuffer(memory, np.uint8).reshape(count, height, width, 3)
+
+
 class Darkroom:
     """Takes shots and hands out blank pictures, which `finish` fills in."""
 
-    def __init__(self, pipe: Connection) -> None:
+    def __init__(self, pipe: Connection, prints: Pixels) -> None:
         self._pipe = pipe
+        self._prints = cycle(prints)
         self._blank: deque[Pixels] = deque()
+        self._camera: Camera | None = None  # of the last order
 
     def colour(self, shot: Shot, omega: float) -> Pixels:
         """As Renderer.colour, but blank until `finish`; raises Stopped."""
-        picture = np.empty((shot.camera.height, shot.camera.width, 3), np.uint8)
+        if len(self._blank) == MOST:
+            self.finish()
+        pose, camera = shot.pose, shot.camera
+        order = ORDER.pack(pose.x, pose.y, pose.theta, shot.time, omega)
+        if camera is not self._camera:
+            order += pickle.dumps(camera)
+            self._camera = camera
         try:
-            self._pipe.send((shot, omega))
+            self._pipe.send_bytes(order)
         except OSError:
             raise _ended() from None
+        picture = np.empty((camera.height, camera.width, 3), np.uint8)
         self._blank.append(picture)
         return picture
 
@@ -61,21 +89,26 @@ class Darkroom:
         """Wait until every picture is drawn; raises Stopped."""
         while self._blank:
             try:
-                self._pipe.recv_bytes_into(self._blank[0].reshape(-1))
+                self._pipe.recv_bytes()
             except (EOFError, OSError):
                 raise _ended() from None
-            self._blank.popleft()
+            self._blank.popleft()[:] = next(self._prints)
 
 
-def _draw_all(draw: Draw, pipe: Connection, other_end: Connection) -> None:
+def _draw_all(draw: Draw, prints: Pixels, pipe: Connection, other_end: Connection) -> None:
     """Draw one picture after another, until the other end is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever is interrupted closes it
     other_end.close()
     # a task that wakes up would else push the world off its core, and draw while that waits
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     with suppress(EOFError, ConnectionError):
-        while True:
-            pipe.send_bytes(draw(*pipe.recv()).tobytes())
+        for picture in cycle(prints):
+            order = pipe.recv_bytes()
+            if camera_bytes := order[ORDER.size :]:
+                camera: Camera = pickle.loads(camera_bytes)
+            x, y, theta, time, omega = ORDER.unpack_from(order)
+            picture[:] = draw(Shot(camera, Pose2(x, y, theta), time), omega)
+            pipe.send_bytes(DRAWN)
 
 
 def _ended() -> Stopped:

@@ -54,17 +54,16 @@ def cast_one(
 
 def _to_segments(origin: Array, direction: Array, segments: Array) -> Array:
     """Every ray against every segment: for the few dozens of a floor plan choosing costs more."""
-    ox, oy = origin
-    dx, dy = direction
-    ax, ay, bx, by = segments.T[..., None]
+    ax, ay, bx, by = segments.T
     ex, ey = bx - ax, by - ay
+    aside, back = np.array([ey, -ex]).T, np.array([-ay, ax]).T
     # with o + t d = a + u e:  t = (a - o) x e / (d x e),  u = (a - o) x d / (d x e)
-    across = dx * ey - dy * ex
+    across = aside @ direction
     across[np.abs(across) < PARALLEL] = np.nan
-    t = ((ax * ey - ay * ex) - (ox * ey - oy * ex)) / across
-    u = ((ax * dy - ay * dx) - (ox * dy - oy * dx)) / across
-    hit = (t >= 0.0) & (np.abs(u - 0.5) <= 0.5 + JOINT)
-    nearest: Array = np.where(hit, t, np.inf).min(axis=0)
+    t = ((ax * ey - ay * ex)[:, None] - (aside @ origin).reshape(len(segments), -1)) / across
+    u = (back @ direction - (origin[0] * direction[1] - origin[1] * direction[0])) / across
+    t[~((t >= 0.0) & (np.abs(u - 0.5) <= 0.5 + JOINT))] = np.inf
+    nearest: Array = t.min(axis=0)
     return nearest
 
 

@@ -18,8 +18,10 @@ MARGIN = 0.10  # m, from one beam to the next, or from one scan to the next
 FASTEST = 2.2  # m/s, robot and person towards each other
 FASTEST_TURN = 2.0  # rad/s, of the robot
 NO_ECHO = 1000.0  # m, beyond every range
-# steps up +, down -, along =, unknown ?: out, at most one along, back
-ISLAND = re.compile(rb"[+?](?=(=?)[-?])|[-?](?=(=?)[+?])")
+UP, DOWN, UNKNOWN = 1, 2, 3  # steps from one range to the next; 0 is along
+# out, at most one along, back
+ISLAND = re.compile(rb"[\1\3](?=(\0?)[\2\3])|[\2\3](?=(\0?)[\1\3])")
+ENDS = bytes((UNKNOWN,))
 MOST = 0.1  # share of the ranges; more spikes than this are no scan
 
 
@@ -79,11 +81,10 @@ def _islands(ranges: Array) -> Iterator[range]:
     Behind an edge without echo the spot may see anything farther: no echo counts as far away.
     """
     steps = ranges[1:] - ranges[:-1]
-    signs = np.full(steps.size, ord("?"), np.uint8)
-    for sign, there in (("=", abs(steps) <= MARGIN), ("+", steps > MARGIN), ("-", steps < -MARGIN)):
-        signs[there] = ord(sign)
+    up, down = ~(steps <= MARGIN), ~(steps >= -MARGIN)  # of nan both, which is UNKNOWN
+    kinds = UP * up.view(np.uint8) + DOWN * down.view(np.uint8)
     numbers: list[float] = ranges.tolist()  # a few at a time, plain numbers are faster
-    for found in ISLAND.finditer(b"?" + signs.tobytes() + b"?"):
+    for found in ISLAND.finditer(ENDS + kinds.tobytes() + ENDS):
         first, end = found.start(), found.end() + len(found[1] or found[2] or b"")
         if numbers[first] < NO_ECHO and _stands_out(numbers, first, end):
             yield range(first, end)
