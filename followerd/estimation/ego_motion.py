@@ -76,7 +76,8 @@ class EgoMotion:
         """Remember what the base was told."""
         self._commands.append(command)
         # steps already taken in which it acts
-        while len(self._path) > 1 and self._acts(command, self._path[-2].stamp):
+        latency = self.settings.latency_s
+        while len(self._path) > 1 and command.stamp <= self._path[-2].stamp - latency:
             self._path.pop()
 
     def pose_at(self, stamp: float) -> Pose2 | None:
@@ -149,13 +150,11 @@ class EgoMotion:
         y += way * sin(theta + 0.5 * turn)
         return _Step(time + dt, x, y, theta + turn, v, omega)
 
-    def _acts(self, command: Command, time: float) -> bool:
-        return command.stamp <= time - self.settings.latency_s
-
     def _wanted(self, time: float) -> Twist | None:
         """What the base is ramping toward at `time`; None where that is its own speed."""
+        acting = time - self.settings.latency_s
         for command in reversed(self._commands):
-            if self._acts(command, time):
+            if command.stamp <= acting:
                 if command.motion is None or time > command.expires:
                     return REST
                 return command.motion if isinstance(command.motion, Twist) else None

@@ -45,16 +45,21 @@ class Inbox(Generic[T]):
 
     async def get(self) -> T:
         """The oldest item; raises LinkLost when the link is gone."""
-        self.check()
-        while not self._items:
-            self._waiter = asyncio.get_running_loop().create_future()
-            await self._waiter
-            self.check()
+        if not self._items or self._lost is not None:
+            await self._wait()
         return self._items.popleft()
 
     def clear(self) -> None:
         """Forget what was not taken."""
         self._items.clear()
+
+    async def _wait(self) -> None:
+        """Until something is there to be taken; raises LinkLost."""
+        self.check()
+        while not self._items:
+            self._waiter = asyncio.get_running_loop().create_future()
+            await self._waiter
+            self.check()
 
     def _notify(self) -> None:
         if self._waiter is not None and not self._waiter.done():
@@ -85,11 +90,13 @@ class ByteInbox(Inbox[Received]):
 
     async def take(self, at_least: int) -> Received:
         """The oldest chunk; when there is none, waits for `at_least` bytes. Raises LinkLost."""
-        self._needed = at_least
-        try:
-            item = await self.get()
-        finally:
-            self._needed = 1
+        if not self._items or self._lost is not None:
+            self._needed = at_least
+            try:
+                await self._wait()
+            finally:
+                self._needed = 1
+        item = self._items.popleft()
         self._count -= len(item.data)
         return item
 

@@ -168,6 +168,8 @@ class Line:
 
     def hand_over(self) -> None:
         """Give the host what has crossed by now."""
+        if not self._to_host:
+            return
         horizon = clock.now() + RESOLUTION
         while self._to_host and self._to_host[0].due <= horizon:
             self._hand_to_host(self._to_host.popleft())

@@ -115,7 +115,8 @@ class P2osTwin:
         if self._out:
             return now
         due = min(self._next_sip, self._baud_trial_ends)
-        due = min(due, *(port.wake_at() for port in self._aux.values()))
+        for port in self._aux.values():
+            due = min(due, port.wake_at())
         if self.is_connected and not self.is_held:
             due = min(due, self._last_command + self._watchdog)
         return due if self.chassis.is_steady(self.is_held) else min(due, now + TICK)
