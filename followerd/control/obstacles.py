@@ -49,18 +49,19 @@ class Echoes:
 
     def behind(self, now: float) -> list[float]:
         """Ranges of the fresh discs that look backward, m."""
-        return [echo.range for echo in self._fresh(now) if echo.rear]
+        return [e.range for e in self._by_disc.values() if e.rear and self._is_fresh(e, now)]
 
     def obstacles(self, base: Pose2, margin: float, now: float) -> Obstacles:
         """Fresh echoes within reach, each owed `margin` m; the robot is at `odom_from_base`."""
-        heard = [(e.x, e.y) for e in self._fresh(now) if e.range < self.reach]
+        near = [e for e in self._by_disc.values() if e.range < self.reach]
+        heard = [(e.x, e.y) for e in near if self._is_fresh(e, now)]
         if not heard:
             return NOTHING
         points = np.array(heard)
         return Obstacles((~base).apply(points), np.full(len(heard), margin))
 
-    def _fresh(self, now: float) -> list[Echo]:
-        return [e for e in self._by_disc.values() if 0.0 <= now - e.stamp <= self.max_age]
+    def _is_fresh(self, echo: Echo, now: float) -> bool:
+        return 0.0 <= now - echo.stamp <= self.max_age
 
 
 def returns(
