@@ -6,6 +6,7 @@ bit every time. There are no threads in virtual time.
 """
 
 import asyncio
+import time
 from collections import deque
 from collections.abc import Callable, Coroutine
 from concurrent.futures import Executor
@@ -22,6 +23,11 @@ Ts = TypeVarTuple("Ts")
 def now() -> float:
     """Seconds of the running loop's clock (CLOCK_MONOTONIC in real time)."""
     return asyncio.get_running_loop().time()
+
+
+def epoch() -> float:
+    """What the wall clock reads at loop time 0, s; in virtual time 0. Only for people's eyes."""
+    return 0.0 if is_virtual() else time.time() - now()
 
 
 async def sleep(seconds: float) -> None:

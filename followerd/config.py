@@ -12,6 +12,7 @@ from followerd.control.registry import CONTROLLERS
 from followerd.errors import ConfigError, UsageError
 from followerd.hw.registry import DRIVERS
 from followerd.pipeline import PipelineSettings
+from followerd.record.settings import RecordSettings
 from followerd.registry import Registry
 from followerd.resources import shipped
 from followerd.settings import Settings, validate
@@ -64,6 +65,7 @@ class Config(Settings):
     tracker: ChoiceSection
     controller: ChoiceSection
     pipeline: PipelineSettings = PipelineSettings()
+    record: RecordSettings = RecordSettings()
     sim: SimSection = SimSection()
     operator: Literal["manual", "auto", "watch"] = Field(
         "manual",
@@ -106,15 +108,13 @@ def load(path: str | Path, changes: dict[str, Any] | None = None) -> Config:
 
     Raises ConfigError with `file:line:column` of every fault.
     """
-    document = yaml.read(find(path))
-    if isinstance(document.value, dict):
-        for dotted, value in (changes or {}).items():
-            *sections, key = dotted.split(".")
-            target = document.value
-            for section in sections:
-                target = target.setdefault(section, {})
-            target[key] = value
-    return validate(document, schema(), {"folder": find(path).parent})
+    place = find(path)
+    return _validated(yaml.read(place), changes, place.parent)
+
+
+def parse(text: str, source: str, changes: dict[str, Any] | None = None) -> Config:
+    """The config in a text, such as a recording carries; as `load`."""
+    return _validated(yaml.parse(text, source), changes, Path())
 
 
 def find(path: str | Path) -> Path:
@@ -125,6 +125,17 @@ def find(path: str | Path) -> Path:
     if str(path) not in known:
         raise ConfigError(f"{path}: no such file, nor a shipped config ({', '.join(known)})")
     return shipped(f"{path}.yaml")
+
+
+def _validated(document: yaml.Document, changes: dict[str, Any] | None, folder: Path) -> Config:
+    if isinstance(document.value, dict):
+        for dotted, value in (changes or {}).items():
+            *sections, key = dotted.split(".")
+            target = document.value
+            for section in sections:
+                target = target.setdefault(section, {})
+            target[key] = value
+    return validate(document, schema(), {"folder": folder})
 
 
 def _union(registry: Registry, extra: dict[str, Any], role: str | None = None) -> Any:

@@ -17,6 +17,7 @@ from followerd import app, clock
 from followerd.bench.closed_loop import Summary, simulate, staged
 from followerd.bench.film import Film
 from followerd.cli.display import Display
+from followerd.cli.recording import RecordFile, recorded
 from followerd.cli.run import Ending, Seconds, SummaryFile, in_a_folder, live
 from followerd.config import Config, load
 from followerd.errors import Stopped, UsageError
@@ -52,6 +53,7 @@ def demo(
             help="film the run into this *.mp4, or its end into a *.png", validator=in_a_folder
         ),
     ] = None,
+    record: RecordFile = None,
 ) -> None:
     """Watch a simulated Pioneer follow a person: the real daemon, its drivers and twins."""
     changes = {"sim.scenario": scenario, "seed": seed, **_preset(camera)}
@@ -64,7 +66,8 @@ def demo(
             stack.enter_context(darkroom(world))
         display = stack.enter_context(Display(headless=headless))
         logs.configure("warning" if display.is_shown else settings.log_level)
-        watchers: list[app.Attach] = [display.attach, ending.attach]
+        recorders = stack.enter_context(recorded(record, settings))
+        watchers: list[app.Attach] = [*recorders, display.attach, ending.attach]
         if world is not None:
             figures = _in_virtual_time(settings, duration, watchers, render, world)
         else:

@@ -9,6 +9,7 @@ from cyclopts import Parameter, validators
 
 from followerd import app, clock
 from followerd.bench.closed_loop import Run, Summary
+from followerd.cli.recording import RecordFile, recorded
 from followerd.config import Config, load
 from followerd.errors import Stopped, UsageError
 from followerd.messages import Decision, Mode
@@ -34,6 +35,7 @@ def run(
     *,
     duration: Seconds | None = None,
     summary: SummaryFile = None,
+    record: RecordFile = None,
     links: Annotated[
         Path | None,
         Parameter(help="use what `followerd sim --links` offers for links that say sim"),
@@ -47,7 +49,8 @@ def run(
         raise UsageError(f"{config} has links that say sim; give --links, or use followerd demo")
     logs.configure(settings.log_level)
     ending = Ending()
-    figures = clock.run(live(settings, duration, [ending.attach]))
+    with recorded(record, settings) as recorders:
+        figures = clock.run(live(settings, duration, [*recorders, ending.attach]))
     ending.finish(figures, summary)
 
 

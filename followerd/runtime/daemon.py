@@ -11,10 +11,13 @@ from followerd.estimation.gaze import Gaze
 from followerd.hw.interfaces import Base, ExposureLock, PanTilt, Sensor
 from followerd.messages import Box, Decision, Image, Measurement, PtzState, TrackState
 from followerd.pipeline import Event, Operator, Pipeline, Tick
+from followerd.record.journal import Entry, Taken
+from followerd.runtime.overheard import Hear
 from followerd.runtime.stats import Stats
 from followerd.runtime.supervisor import supervise
 from followerd.runtime.vision import Vision
 from followerd.trackers.interfaces import Tracker
+from followerd.trackers.looking import Looking
 
 EARLY = 0.001  # s that a timer may fire before its time
 TICK = 0.05  # s without any event after which staleness is looked at
@@ -38,10 +41,13 @@ class Daemon:
         self.head = head
         self.sensors = (*sensors, head) if head else sensors
         self.pipeline = pipeline
-        self.vision = Vision(tracker, pipeline.ego_at, pipeline.place_at, self.handle, image_work)
+        looking = Looking(tracker, pipeline.ego_at, pipeline.place_at)
+        self.vision = Vision(looking, self.handle, self._consumed, image_work)
         self.stats = Stats(began=clock.now())
         self.decision: Decision | None = None
         self.decision_watchers: list[Callable[[Decision], None]] = []
+        self.journal_watchers: list[Callable[[Entry], None]] = []
+        self.line_watchers: list[Hear] = []  # of the devices' bytes, where the config wants them
         self.measurement_watchers: list[Callable[[Measurement], None]] = [self.stats.measured]
         self._gaze = Gaze()
         self._motors = False
@@ -76,7 +82,10 @@ class Daemon:
 
     def handle(self, event: Event) -> Decision:
         """One event through the pipeline, and its command to the base."""
-        decision = self.pipeline.step(event, clock.now())
+        now = clock.now()
+        if self.journal_watchers:
+            self._consumed(Taken(now, event))
+        decision = self.pipeline.step(event, now)
         if decision.motors is not self._motors:
             self._motors = decision.motors
             self.base.enable_motors(decision.motors)
@@ -109,6 +118,10 @@ class Daemon:
             self._lock_exposure(action is Action.ARM)
         log.info("operator", action=action.value, refused=decision.refused or None)
         return decision.refused
+
+    def _consumed(self, entry: Entry) -> None:
+        for watch in self.journal_watchers:
+            watch(entry)
 
     def _lock_exposure(self, locked: bool) -> None:
         """The person's colours must stay as they were learned."""
