@@ -44,6 +44,7 @@ DEFAULT_HEAD = "vc-c50i"
 AUX = "aux"  # link of a head on the base's AUX port
 
 Attach = Callable[[Daemon], None]
+Beside = Callable[[Daemon], Coroutine[Any, Any, None]]  # what runs as long as the daemon does
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,12 +221,15 @@ def _camera(config: Config) -> CameraSettings:
     return kind.model_validate(config.camera.model_dump(exclude={"kind", "link"}))
 
 
-async def live(config: Config, duration: float | None, attach: Attach) -> Daemon:
+async def live(
+    config: Config, duration: float | None, attach: Attach, beside: Sequence[Beside] = ()
+) -> Daemon:
     """Run the daemon on the config's links, until `duration` has passed or a signal comes."""
     daemon = build(config, hardware(config))
     attach(daemon)
     path = Path(config.socket) if config.socket else default_path()
-    parts = clock.together(serve(daemon, path), *_parts(daemon, config))
+    others = [part(daemon) for part in beside]
+    parts = clock.together(serve(daemon, path), *_parts(daemon, config), *others)
     await clock.until_signal(parts, signal.SIGTERM, signal.SIGINT, seconds=duration)
     return daemon
 

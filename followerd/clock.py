@@ -40,6 +40,11 @@ async def sleep_until(stamp: float) -> None:
     await asyncio.sleep(max(0.0, stamp - now()))
 
 
+async def forever() -> None:
+    """Wait until cancelled."""
+    await asyncio.Event().wait()
+
+
 async def within(seconds: float, what: Coroutine[Any, Any, T]) -> T | None:
     """The result of `what`, or None when it takes longer than `seconds`."""
     try:

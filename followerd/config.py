@@ -53,6 +53,18 @@ class SimSection(Settings):
     )
 
 
+class WebSection(Settings):
+    """The operator's page. On another address than this computer's it asks for a token."""
+
+    host: str = Field("127.0.0.1", description="address to listen on; 0.0.0.0: all")
+    port: int = Field(8080, ge=0, le=65535)
+    names: tuple[str, ...] = Field((), description="further host names of this robot")
+    token: str | None = Field(None, min_length=16, description="default: a new one at each start")
+    certificate: str | None = Field(None, description="TLS certificate file (PEM)")
+    key: str | None = Field(None, description="its key file")
+    jpeg_quality: int = Field(75, ge=1, le=100)
+
+
 class Config(Settings):
     """Everything the daemon is told."""
 
@@ -66,6 +78,7 @@ class Config(Settings):
     controller: ChoiceSection
     pipeline: PipelineSettings = PipelineSettings()
     record: RecordSettings = RecordSettings()
+    web: WebSection | None = Field(WebSection(), description="null: no page")
     sim: SimSection = SimSection()
     operator: Literal["manual", "auto", "watch"] = Field(
         "manual",

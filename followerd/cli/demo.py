@@ -17,6 +17,7 @@ from followerd import app, clock
 from followerd.bench.closed_loop import Summary, simulate, staged
 from followerd.bench.film import Film
 from followerd.cli.display import Display
+from followerd.cli.page import on_a_free_port
 from followerd.cli.recording import RecordFile, recorded
 from followerd.cli.run import Ending, Seconds, SummaryFile, in_a_folder, live
 from followerd.config import Config, load
@@ -71,7 +72,8 @@ def demo(
         if world is not None:
             figures = _in_virtual_time(settings, duration, watchers, render, world)
         else:
-            figures = _in_real_time(settings, duration, watchers, render)
+            tell = None if headless else display.tell
+            figures = _in_real_time(settings, duration, watchers, render, tell)
     _tell(figures)
     ending.finish(figures, summary)
 
@@ -93,20 +95,24 @@ def _in_virtual_time(
 
 
 def _in_real_time(
-    settings: Config, duration: float, watchers: list[app.Attach], render: Path | None
+    settings: Config,
+    duration: float,
+    watchers: list[app.Attach],
+    render: Path | None,
+    tell: Callable[[str], None] | None,
 ) -> Summary:
     """The world and the twins in a process of their own, so that the daemon is measured alone."""
     with TemporaryDirectory(prefix="followerd-") as name, ExitStack() as stack:
         folder = Path(name)
         truth = folder / "truth.jsonl"
         stack.enter_context(_simulation(settings, folder, truth))
-        plugged = app.plugged_into(settings, folder)
+        plugged = on_a_free_port(app.plugged_into(settings, folder))
         plugged = plugged.model_copy(update={"socket": settings.socket or str(folder / "ctl")})
         if render is not None:
             film = stack.enter_context(_film(render, settings, truth_log.Tail(truth).newest))
             thread = stack.enter_context(ThreadPoolExecutor(1, "film"))
             watchers.append(partial(_film_in, thread, film))
-        return clock.run(live(plugged, duration, watchers, truth))
+        return clock.run(live(plugged, duration, watchers, truth, tell))
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """`followerd run`: the daemon on the links that a config names."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +9,7 @@ from cyclopts import Parameter, validators
 
 from followerd import app, clock
 from followerd.bench.closed_loop import Run, Summary
+from followerd.cli.page import Anew, Opened
 from followerd.cli.recording import RecordFile, recorded
 from followerd.config import Config, load
 from followerd.errors import Stopped, UsageError
@@ -50,8 +51,12 @@ def run(
     logs.configure(settings.log_level)
     ending = Ending()
     with recorded(record, settings) as recorders:
-        figures = clock.run(live(settings, duration, [*recorders, ending.attach]))
+        figures = clock.run(live(settings, duration, [*recorders, ending.attach], tell=_page))
     ending.finish(figures, summary)
+
+
+def _page(address: str) -> None:
+    print(f"page: {address}", flush=True)
 
 
 async def live(
@@ -59,8 +64,13 @@ async def live(
     duration: float | None,
     watchers: Sequence[app.Attach],
     truth: Path | None = None,
+    tell: Callable[[str], None] | None = None,
 ) -> Summary:
-    """Run the daemon in real time and sum it up; `truth` is what a simulation wrote meanwhile."""
+    """Run the daemon in real time and sum it up; `truth` is what a simulation wrote meanwhile.
+
+    `tell` is given the address of the operator's page; None: no page. When the page chooses
+    another tracker the daemon starts anew, disarmed.
+    """
     record: list[Decision] = []
 
     def attach(daemon: Daemon) -> None:
@@ -69,9 +79,17 @@ async def live(
         for watch in watchers:
             watch(daemon)
 
-    daemon = await app.live(config, duration, attach)
-    truths = truth_log.read(truth) if truth is not None else []
-    return Run(config, daemon, truths, record).summary(clock.now(), virtual=False)
+    began = clock.now()
+    while True:
+        left = None if duration is None else max(0.1, began + duration - clock.now())
+        pages = [] if config.web is None or tell is None else [Opened(config, tell).run]
+        try:
+            daemon = await app.live(config, left, attach, pages)
+        except Anew as choice:
+            config = choice.config
+            continue
+        truths = truth_log.read(truth) if truth is not None else []
+        return Run(config, daemon, truths, record).summary(clock.now(), virtual=False)
 
 
 class Ending:

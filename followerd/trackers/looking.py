@@ -9,6 +9,7 @@ from followerd.messages import Box, Image, Place, TrackState
 from followerd.trackers.interfaces import Tracker
 
 HISTORY = 45  # frames kept so that a click on a frame seen a moment ago can be honoured
+MOST_LEFT_OUT = 2  # frames between the one that was clicked and the next that was taken up
 
 Seen = tuple[Image, Pose2 | None, Place | None]  # and where robot and person are then
 
@@ -43,14 +44,18 @@ class Looking:
         return self._tracker.step(*seen)
 
     def find(self, frame_id: int | None) -> Seen:
-        """A frame taken up a moment ago; None: the newest. Raises UsageError when it is gone."""
+        """A frame taken up a moment ago; None: the newest. Raises UsageError when it is gone.
+
+        In place of one that was left out because a newer one waited it is that newer one.
+        """
         if not self._history:
             raise UsageError("no camera image yet; wait for the camera")
         if frame_id is None:
             return self._history[-1]
-        for seen in self._history:
-            if seen[0].id == frame_id:
-                return seen
+        if frame_id >= self._history[0][0].id:
+            for seen in self._history:
+                if 0 <= seen[0].id - frame_id <= MOST_LEFT_OUT:
+                    return seen
         raise UsageError(f"frame {frame_id} is too old or unknown; click on the newest picture")
 
     def later(self, frame_id: int) -> list[Seen]:
