@@ -10,7 +10,7 @@ import pytest
 from playwright.async_api import Browser, Page, async_playwright
 
 from followerd import clock
-from followerd.messages import Mode
+from followerd.messages import Command, Mode
 from tests.web_page import Served, served
 
 CHROMIUM = which("chromium") or which("chromium-browser") or which("google-chrome")
@@ -186,3 +186,36 @@ async def test_what_is_recorded_from_the_page_is_a_recording(tmp_path: Path) -> 
         await until(page, "document.getElementById('record').textContent === 'Record'")
         await clock.sleep(0.5)
         assert [path.stat().st_size > 10_000 for path in tmp_path.rglob("*.mcap")] == [True]
+
+
+async def test_from_the_click_on_stop_to_zero_on_the_wire_a_tenth_of_a_second_passes() -> None:
+    async with served() as here, browsing() as browser:
+        page = await visit(browser, here)
+        await page.evaluate(
+            "document.getElementById('stop').addEventListener('pointerdown', () => {"
+            " window.pressed = (performance.timeOrigin + performance.now()) / 1000; })"
+        )
+        stops: list[float] = []
+        noted = here.daemon.base.on_sent
+
+        def note(command: Command, stamp: float) -> None:
+            noted(command, stamp)
+            if command.emergency:
+                stops.append(stamp + clock.epoch())
+
+        here.daemon.base.on_sent = note
+        await asyncio.sleep(2.0)
+        delays = []
+        for _ in range(8):
+            await press(page, "manual")
+            await mode_is(page, "manual")
+            await page.keyboard.down("ArrowUp")
+            await asyncio.sleep(0.4)
+            stops.clear()
+            await page.click("#stop")
+            await page.keyboard.up("ArrowUp")
+            await mode_is(page, "estop")
+            delays.append(stops[0] - await page.evaluate("window.pressed"))
+            await press(page, "clear")
+        assert sorted(delays)[-2] < 0.1, delays
+        assert min(delays) > -0.01

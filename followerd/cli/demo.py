@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from subprocess import DEVNULL, Popen
 from tempfile import TemporaryDirectory
-from typing import Annotated, TypeVar
+from typing import Annotated, Literal, TypeVar
 
 import yaml
 from cyclopts import Parameter
@@ -55,9 +55,13 @@ def demo(
         ),
     ] = None,
     record: RecordFile = None,
+    images: Annotated[
+        Literal["exact", "jpeg", "none"] | None, Parameter(help="as the recording keeps them")
+    ] = None,
 ) -> None:
     """Watch a simulated Pioneer follow a person: the real daemon, its drivers and twins."""
     changes = {"sim.scenario": scenario, "seed": seed, **_preset(camera)}
+    changes |= {} if images is None else {"record.images": images}
     settings = staged(load(f"{tracker}-sim", changes))
     ending = Ending()
     with ExitStack() as stack:

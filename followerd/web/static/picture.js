@@ -1,4 +1,5 @@
 // The camera's newest picture, what the tracker made of it, and the click that enrols.
+const KEPT = 1000;  // times of pictures
 const SHORT = 8;   // px of the screen: a shorter drag is a click
 const COLOURS = { confirmed: '#35d07f', tentative: '#f2b134', occluded: '#f2b134', lost: '#ff4d4d' };
 
@@ -11,7 +12,8 @@ export class Picture {
     this.image = null;
     this.frame = null;
     this.drag = null;
-    this.drawn = 0;         // pictures, for whoever measures
+    this.drawn = 0;
+    this.times = [];        // [captured, drawn] of the newest pictures, s, for whoever measures
     canvas.addEventListener('pointerdown', event => this.begin(event));
     canvas.addEventListener('pointermove', event => this.move(event));
     canvas.addEventListener('pointerup', event => this.end(event));
@@ -30,7 +32,8 @@ export class Picture {
       }
       this.draw();
       this.drawn += 1;
-      this.newest = picture;
+      this.times.push([picture.captured, (performance.timeOrigin + performance.now()) / 1000]);
+      if (this.times.length > KEPT) this.times.shift();
     } finally {
       this.link.send({ do: 'ack', frame: picture.frame });
     }
