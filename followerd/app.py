@@ -30,6 +30,8 @@ from followerd.runtime.auto_operator import AutoOperator
 from followerd.runtime.control_socket import default_path, serve
 from followerd.runtime.cut_link import CutLink
 from followerd.runtime.daemon import Daemon
+from followerd.runtime.heartbeat import Heartbeat
+from followerd.runtime.notify import Notify
 from followerd.runtime.overheard import Hear, OverheardLink
 from followerd.sim import scenarios
 from followerd.sim.faults import Fault
@@ -225,11 +227,13 @@ async def live(
     config: Config, duration: float | None, attach: Attach, beside: Sequence[Beside] = ()
 ) -> Daemon:
     """Run the daemon on the config's links, until `duration` has passed or a signal comes."""
-    daemon = build(config, hardware(config))
+    plugs, heartbeat = hardware(config), Heartbeat(HALT)
+    daemon = build(config, replace(plugs, base=heartbeat.guarded(plugs.base)))
     attach(daemon)
     path = Path(config.socket) if config.socket else default_path()
     others = [part(daemon) for part in beside]
-    parts = clock.together(serve(daemon, path), *_parts(daemon, config), *others)
+    own = heartbeat.run(), Notify().run(daemon), serve(daemon, path)
+    parts = clock.together(*own, *_parts(daemon, config), *others)
     await clock.until_signal(parts, signal.SIGTERM, signal.SIGINT, seconds=duration)
     return daemon
 

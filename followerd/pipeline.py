@@ -63,11 +63,18 @@ class Hand:
 
 
 @dataclass(frozen=True, slots=True)
+class Late:
+    """The loop was held up: nothing was heard or decided meanwhile."""
+
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
 class Tick:
     """Time has passed."""
 
 
-Event = Scan | Odometry | Tracked | Operator | Presence | Hand | Fault | Tick
+Event = Scan | Odometry | Tracked | Operator | Presence | Hand | Late | Fault | Tick
 CAUSES = {Scan: "scan", Odometry: "odometry", Tracked: "image"}
 
 
@@ -150,6 +157,8 @@ class Pipeline:
             return refused
         elif isinstance(event, Presence):
             self.modes.present(event.session, now, here=event.here)
+        elif isinstance(event, Late):
+            self.modes.late(event.seconds, now)
         elif isinstance(event, Hand):
             self.modes.drive(event.wanted, event.session, now)
         return ""

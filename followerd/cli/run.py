@@ -48,7 +48,7 @@ def run(
         settings = app.plugged_into(settings, links)
     if settings.simulated:
         raise UsageError(f"{config} has links that say sim; give --links, or use followerd demo")
-    logs.configure(settings.log_level)
+    logs.configure(settings.log_level, queued=True)
     ending = Ending()
     with recorded(record, settings) as recorders:
         figures = clock.run(live(settings, duration, [*recorders, ending.attach], tell=_page))

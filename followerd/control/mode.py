@@ -98,6 +98,9 @@ class ModeSettings(Settings):
     occluded_s: float = Field(5.0, ge=0, le=5.0, description="following a prediction")
     occluded_sigma_m: float = Field(0.5, gt=0, le=0.5, description="of a prediction followed")
     occluded_speed_mps: float = Field(0.4, ge=0, le=0.4, description="following a prediction")
+    suspended_s: float = Field(
+        1.0, gt=0.2, description="a computer that was away so long is armed again by hand"
+    )
     operator_gone_s: float = Field(
         0.8, gt=0, description="without a sign of the session that armed, before it is over"
     )
@@ -209,6 +212,16 @@ class Modes:
         """What the hand of the session that drives asks for now."""
         if self.mode is Mode.MANUAL and session == self._session:
             self._hand, self._hand_at = wanted, now
+
+    def late(self, seconds: float, now: float) -> None:
+        """The loop was held up so long (FAILSAFES F5; F15: as long as a suspend)."""
+        reason = Reason(StopReason.LOOP_LATE, "computer", f"{seconds:.2f} s")
+        self._good, self._hand_at = 0, -inf
+        if seconds > self.settings.suspended_s:
+            self._go(Signal.RELEASE, now, reason)
+        else:
+            self._doubt_since = min(self._doubt_since, now)
+            self._go(Signal.UNSURE, now, reason)
 
     def fault(self, fault: Fault, now: float) -> None:
         """Take a device's failure or its recovery; a recovery alone moves nothing."""

@@ -10,7 +10,7 @@ from followerd.errors import UsageError
 from followerd.estimation.gaze import Gaze
 from followerd.hw.interfaces import Base, ExposureLock, PanTilt, Sensor
 from followerd.messages import Box, Decision, Image, Measurement, PtzState, TrackState
-from followerd.pipeline import Event, Operator, Pipeline, Tick
+from followerd.pipeline import Event, Late, Operator, Pipeline, Tick
 from followerd.record.journal import Entry, Taken
 from followerd.runtime.overheard import Hear
 from followerd.runtime.stats import Stats
@@ -20,6 +20,7 @@ from followerd.trackers.interfaces import Tracker
 from followerd.trackers.looking import Looking
 
 EARLY = 0.001  # s that a timer may fire before its time
+LATE = 0.2  # s that the loop may be held up
 TICK = 0.05  # s without any event after which staleness is looked at
 
 log = structlog.get_logger()
@@ -134,5 +135,8 @@ class Daemon:
             due = TICK + (self.decision.stamp if self.decision else self.stats.began)
             if clock.now() < due - EARLY:
                 await clock.sleep_until(due)
+                if (late := clock.now() - due) > LATE:
+                    log.warning("the loop was late", seconds=round(late, 3))
+                    self.handle(Late(late))
             else:
                 self.handle(Tick())
