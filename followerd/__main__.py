@@ -24,6 +24,12 @@ COMMANDS = {  # name -> where it lives, imported only when called; one line for 
     "check": ("followerd.cli.check:check", "Validate a config file."),
     "schema": ("followerd.cli.check:schema", "Print the JSON Schema of the config."),
     "track": ("followerd.cli.track:track", "Run a tracker alone over a recording."),
+    "replay": ("followerd.cli.replay:replay", "Run the pipeline again over a recording."),
+    "info": ("followerd.cli.recordings:info", "Say what a recording holds."),
+    "plot": ("followerd.cli.recordings:plot", "Draw a recording."),
+    "recover": ("followerd.cli.recordings:recover", "Make a whole file of a cut-off recording."),
+    "export": ("followerd.cli.bags:export", "Write a recording as a ROS 2 bag."),
+    "import": ("followerd.cli.bags:import_", "Read a ROS 1 or 2 bag into a recording."),
     "bench": ("followerd.cli.bench:bench", "Measure trackers and the whole daemon."),
 }
 
@@ -62,6 +68,9 @@ def call(tokens: list[str] | None = None) -> int:
         return _say(str(error), error.exit_code)
     except KeyboardInterrupt:
         return INTERRUPTED
+    except BrokenPipeError:  # whoever read the output, such as head, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     return 0
 
 

@@ -3,7 +3,7 @@
 import gc
 import signal
 from collections.abc import Callable, Coroutine, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +30,14 @@ from followerd.runtime.auto_operator import AutoOperator
 from followerd.runtime.control_socket import default_path, serve
 from followerd.runtime.cut_link import CutLink
 from followerd.runtime.daemon import Daemon
+from followerd.runtime.heartbeat import Heartbeat
+from followerd.runtime.notify import Notify
+from followerd.runtime.overheard import Hear, OverheardLink
 from followerd.sim import scenarios
 from followerd.sim.faults import Fault
 from followerd.sim.rig import Equipment, Rig
 from followerd.streams import STREAMS
+from followerd.trackers.interfaces import Tracker
 from followerd.trackers.registry import TRACKERS
 
 DRIVE_LAG = 0.15  # s from a command to braking wheels
@@ -42,6 +46,7 @@ DEFAULT_HEAD = "vc-c50i"
 AUX = "aux"  # link of a head on the base's AUX port
 
 Attach = Callable[[Daemon], None]
+Beside = Callable[[Daemon], Coroutine[Any, Any, None]]  # what runs as long as the daemon does
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,21 +88,45 @@ def plugged_into(config: Config, folder: Path) -> Config:
 
 def build(config: Config, plugs: Plugs) -> Daemon:
     """The daemon of a config; to be called in its event loop."""
-    cv2.setNumThreads(1)
     # measurements and decisions hold no cycles; looking for them often costs a fifth of the time
     gc.set_threshold(50_000, 20, 100)
     verify(config)
-    tracker = TRACKERS.load(config.tracker.kind)(config.tracker, np.random.default_rng(config.seed))
-    controller = CONTROLLERS.load(config.controller.kind)(config.controller)
+    tracker, pipeline = thinking(config)
+    overheard: list[Hear] = []
+    if config.record.raw_bytes:
+        plugs = _overheard(plugs, overheard)
     base = DRIVERS.load(config.base.kind)(config.base, plugs.base)
-    return Daemon(
+    daemon = Daemon(
         base,
         laser_and_camera(config, plugs),
         tracker,
-        Pipeline(pipeline_settings(config), controller),
+        pipeline,
         config.image_work_s,
         _head(config, plugs, base),
     )
+    daemon.line_watchers = overheard
+    return daemon
+
+
+def _overheard(plugs: Plugs, watchers: list[Hear]) -> Plugs:
+    def hear(device: str, data: bytes, now: float) -> None:
+        for watch in watchers:
+            watch(device, data, now)
+
+    return replace(
+        plugs,
+        base=OverheardLink(plugs.base, "base", hear),
+        laser=OverheardLink(plugs.laser, "laser", hear),
+        ptz=None if plugs.ptz is None else OverheardLink(plugs.ptz, "ptz", hear),
+    )
+
+
+def thinking(config: Config) -> tuple[Tracker, Pipeline]:
+    """What a daemon thinks with, and a replay again."""
+    cv2.setNumThreads(1)
+    tracker = TRACKERS.load(config.tracker.kind)(config.tracker, np.random.default_rng(config.seed))
+    controller = CONTROLLERS.load(config.controller.kind)(config.controller)
+    return tracker, Pipeline(pipeline_settings(config), controller)
 
 
 def verify(config: Config) -> None:
@@ -194,12 +223,17 @@ def _camera(config: Config) -> CameraSettings:
     return kind.model_validate(config.camera.model_dump(exclude={"kind", "link"}))
 
 
-async def live(config: Config, duration: float | None, attach: Attach) -> Daemon:
+async def live(
+    config: Config, duration: float | None, attach: Attach, beside: Sequence[Beside] = ()
+) -> Daemon:
     """Run the daemon on the config's links, until `duration` has passed or a signal comes."""
-    daemon = build(config, hardware(config))
+    plugs, heartbeat = hardware(config), Heartbeat(HALT)
+    daemon = build(config, replace(plugs, base=heartbeat.guarded(plugs.base)))
     attach(daemon)
     path = Path(config.socket) if config.socket else default_path()
-    parts = clock.together(serve(daemon, path), *_parts(daemon, config))
+    others = [part(daemon) for part in beside]
+    own = heartbeat.run(), Notify().run(daemon), serve(daemon, path)
+    parts = clock.together(*own, *_parts(daemon, config), *others)
     await clock.until_signal(parts, signal.SIGTERM, signal.SIGINT, seconds=duration)
     return daemon
 

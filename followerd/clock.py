@@ -6,6 +6,7 @@ bit every time. There are no threads in virtual time.
 """
 
 import asyncio
+import time
 from collections import deque
 from collections.abc import Callable, Coroutine
 from concurrent.futures import Executor
@@ -24,6 +25,11 @@ def now() -> float:
     return asyncio.get_running_loop().time()
 
 
+def epoch() -> float:
+    """What the wall clock reads at loop time 0, s; in virtual time 0. Only for people's eyes."""
+    return 0.0 if is_virtual() else time.time() - now()
+
+
 async def sleep(seconds: float) -> None:
     """Wait on the loop's clock."""
     await asyncio.sleep(seconds)
@@ -32,6 +38,11 @@ async def sleep(seconds: float) -> None:
 async def sleep_until(stamp: float) -> None:
     """Wait until loop time `stamp`; yields once when that has passed."""
     await asyncio.sleep(max(0.0, stamp - now()))
+
+
+async def forever() -> None:
+    """Wait until cancelled."""
+    await asyncio.Event().wait()
 
 
 async def within(seconds: float, what: Coroutine[Any, Any, T]) -> T | None:

@@ -12,6 +12,7 @@ from followerd.control.registry import CONTROLLERS
 from followerd.errors import ConfigError, UsageError
 from followerd.hw.registry import DRIVERS
 from followerd.pipeline import PipelineSettings
+from followerd.record.settings import RecordSettings
 from followerd.registry import Registry
 from followerd.resources import shipped
 from followerd.settings import Settings, validate
@@ -52,6 +53,18 @@ class SimSection(Settings):
     )
 
 
+class WebSection(Settings):
+    """The operator's page. On another address than this computer's it asks for a token."""
+
+    host: str = Field("127.0.0.1", description="address to listen on; 0.0.0.0: all")
+    port: int = Field(8080, ge=0, le=65535)
+    names: tuple[str, ...] = Field((), description="further host names of this robot")
+    token: str | None = Field(None, min_length=16, description="default: a new one at each start")
+    certificate: str | None = Field(None, description="TLS certificate file (PEM)")
+    key: str | None = Field(None, description="its key file")
+    jpeg_quality: int = Field(75, ge=1, le=100)
+
+
 class Config(Settings):
     """Everything the daemon is told."""
 
@@ -64,6 +77,8 @@ class Config(Settings):
     tracker: ChoiceSection
     controller: ChoiceSection
     pipeline: PipelineSettings = PipelineSettings()
+    record: RecordSettings = RecordSettings()
+    web: WebSection | None = Field(WebSection(), description="null: no page")
     sim: SimSection = SimSection()
     operator: Literal["manual", "auto", "watch"] = Field(
         "manual",
@@ -106,15 +121,13 @@ def load(path: str | Path, changes: dict[str, Any] | None = None) -> Config:
 
     Raises ConfigError with `file:line:column` of every fault.
     """
-    document = yaml.read(find(path))
-    if isinstance(document.value, dict):
-        for dotted, value in (changes or {}).items():
-            *sections, key = dotted.split(".")
-            target = document.value
-            for section in sections:
-                target = target.setdefault(section, {})
-            target[key] = value
-    return validate(document, schema(), {"folder": find(path).parent})
+    place = find(path)
+    return _validated(yaml.read(place), changes, place.parent)
+
+
+def parse(text: str, source: str, changes: dict[str, Any] | None = None) -> Config:
+    """The config in a text, such as a recording carries; as `load`."""
+    return _validated(yaml.parse(text, source), changes, Path())
 
 
 def find(path: str | Path) -> Path:
@@ -125,6 +138,17 @@ def find(path: str | Path) -> Path:
     if str(path) not in known:
         raise ConfigError(f"{path}: no such file, nor a shipped config ({', '.join(known)})")
     return shipped(f"{path}.yaml")
+
+
+def _validated(document: yaml.Document, changes: dict[str, Any] | None, folder: Path) -> Config:
+    if isinstance(document.value, dict):
+        for dotted, value in (changes or {}).items():
+            *sections, key = dotted.split(".")
+            target = document.value
+            for section in sections:
+                target = target.setdefault(section, {})
+            target[key] = value
+    return validate(document, schema(), {"folder": folder})
 
 
 def _union(registry: Registry, extra: dict[str, Any], role: str | None = None) -> Any:

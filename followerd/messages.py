@@ -295,6 +295,8 @@ class StopReason(Enum):
     BUMPER = "bumper pressed"
     MOTORS_OFF = "motors are off: press the white MOTORS button, then arm again"
     STOP_BUTTON = "STOP button pressed: release it, press MOTORS, then arm again"
+    OPERATOR_GONE = "the operator who armed is gone: arm again"
+    NO_DRIVING_HAND = "no hand on the controls"
     LINK_LOST = "device lost"
     DEVICE_REFUSED = "device refuses its set-up"
     LOOP_LATE = "the computer is too slow"
@@ -358,6 +360,7 @@ class Mode(Enum):
     HOLDING = "holding"
     SEARCHING = "searching"
     IDLE = "idle"
+    MANUAL = "manual"
     FAULT = "fault"
     ESTOP = "estop"
 

@@ -47,11 +47,34 @@ class Operator:
 
 
 @dataclass(frozen=True, slots=True)
+class Presence:
+    """A sign that an operator's session is there, or (not `here`) that it is over."""
+
+    session: str
+    here: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Hand:
+    """What the hand of an operator who drives asks for; must be said again and again."""
+
+    session: str
+    wanted: Twist
+
+
+@dataclass(frozen=True, slots=True)
+class Late:
+    """The loop was held up: nothing was heard or decided meanwhile."""
+
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
 class Tick:
     """Time has passed."""
 
 
-Event = Scan | Odometry | Tracked | Operator | Fault | Tick
+Event = Scan | Odometry | Tracked | Operator | Presence | Hand | Late | Fault | Tick
 CAUSES = {Scan: "scan", Odometry: "odometry", Tracked: "image"}
 
 
@@ -127,11 +150,17 @@ class Pipeline:
         elif isinstance(event, Fault):
             self.modes.fault(event, now)
         elif isinstance(event, Operator):
-            refused = self.modes.operate(event.action, now)
+            refused = self.modes.operate(event.action, now, event.session)
             if event.action is Action.ENROL and not refused:
                 self.ranging.forget()
                 self._track = None
             return refused
+        elif isinstance(event, Presence):
+            self.modes.present(event.session, now, here=event.here)
+        elif isinstance(event, Late):
+            self.modes.late(event.seconds, now)
+        elif isinstance(event, Hand):
+            self.modes.drive(event.wanted, event.session, now)
         return ""
 
     def _take_scan(self, scan: Scan, now: float) -> None:
@@ -158,6 +187,8 @@ class Pipeline:
     def _wish(
         self, permission: Permission, person: Person | None, base: Pose2, now: float
     ) -> Wish | None:
+        if permission.drive is not None:
+            return permission.drive
         if permission.search:
             return Twist(0.0, permission.search)
         target = self._target(person, base)

@@ -338,6 +338,16 @@ def test_an_unknown_distance_allows_turning_only(target: tuple[float, float] | N
     assert twist(command) == Twist(0.0, 0.2)
 
 
+def test_a_hand_drives_without_a_person_but_not_into_things() -> None:
+    b = bench()
+    hand = replace(GO, max_speed=0.4, drive=Twist(0.4, 0.0))
+    b.situation = replace(b.situation, target=None, permission=hand)
+    assert twist(b.check(Twist(0.4, 0.0))) == Twist(0.4, 0.0)
+    ranges = seen()
+    ranges[80:101] = 0.9
+    assert twist(b.sees(ranges).check(Twist(0.4, 0.0))).v < 0.1
+
+
 def test_an_unknown_distance_is_named() -> None:
     b = bench()
     b.situation = replace(b.situation, target=None)

@@ -420,7 +420,7 @@ def test_the_table_knows_every_mode_and_never_arms_by_itself() -> None:
     assert set(TRANSITIONS.values()) == set(Mode)
     for (mode, trigger), goal in TRANSITIONS.items():
         if mode not in ARMED and goal in ARMED:
-            assert trigger is Action.ARM
+            assert trigger in (Action.ARM, Action.MANUAL)
         if isinstance(trigger, Signal):
             assert mode in ARMED
     assert all(TRANSITIONS[mode, Action.STOP] is Mode.ESTOP for mode in Mode)
@@ -428,3 +428,73 @@ def test_the_table_knows_every_mode_and_never_arms_by_itself() -> None:
         Action.STOP,
         Action.CLEAR,
     ]
+
+
+def by_session(session: str, *actions: Action) -> Story:
+    """Fresh data, a person enrolled and confirmed, then what a session asks for."""
+    story = Story()
+    story.run(2.5)
+    story.do(Action.ENROL, Action.CONFIRM)
+    for action in actions:
+        assert not story.modes.operate(action, story.now, session)
+    return story
+
+
+def test_following_ends_within_a_second_of_the_session_that_armed() -> None:
+    story = by_session("page 1", Action.ARM)
+    for _ in range(10):
+        story.run(0.25)
+        story.modes.present("page 1", story.now, here=True)
+    assert story.mode() is Mode.FOLLOWING
+    permission = story.run(0.9)
+    assert not permission.move
+    assert story.mode() is Mode.DISARMED
+    assert permission.reasons[0].stop is StopReason.OPERATOR_GONE
+
+
+def test_a_session_that_says_goodbye_ends_at_once_what_it_armed() -> None:
+    story = by_session("page 1", Action.ARM)
+    story.run(0.5)
+    story.modes.present("page 2", story.now, here=False)
+    assert story.mode() is Mode.FOLLOWING
+    story.modes.present("page 1", story.now, here=False)
+    assert story.mode() is Mode.DISARMED
+
+
+def test_what_nobodys_session_armed_needs_no_session() -> None:
+    assert following().run(5.0).move
+
+
+def test_a_hand_drives_only_as_long_as_it_asks() -> None:
+    story = by_session("page 1", Action.MANUAL)
+    assert not story.run(0.05).move
+    story.modes.drive(Twist(0.3, 0.1), "page 1", story.now)
+    permission = story.run(0.05)
+    assert permission.drive == Twist(0.3, 0.1)
+    assert permission.max_speed == ModeSettings().manual_speed_mps
+    assert not story.run(0.15).move
+    assert story.mode() is Mode.MANUAL
+
+
+def test_only_the_hand_that_took_over_drives() -> None:
+    story = by_session("page 1", Action.MANUAL)
+    story.modes.drive(Twist(0.3, 0.0), "page 2", story.now)
+    assert not story.run(0.05).move
+
+
+def test_a_hand_needs_no_person_but_fresh_sensors() -> None:
+    story = Story()
+    assert "waiting" in story.do(Action.MANUAL) or "too old" in story.do(Action.MANUAL)
+    story.run(2.5)
+    assert not story.do(Action.MANUAL)
+    assert story.mode() is Mode.MANUAL
+
+
+def test_from_driving_by_hand_following_is_armed_as_usual() -> None:
+    story = Story()
+    story.run(2.5)
+    story.do(Action.MANUAL)
+    assert "no person" in story.do(Action.ARM)
+    story.do(Action.ENROL, Action.CONFIRM, Action.ARM)
+    story.run(1.0)
+    assert story.mode() is Mode.FOLLOWING

@@ -11,7 +11,9 @@ from followerd.errors import UsageError
 from followerd.geometry import Camera, Pose2
 from followerd.messages import Box, Image, Odometry, Place, Scan, TrackPhase, TrackState
 from followerd.pipeline import Tracked
-from followerd.runtime.vision import HISTORY, Vision
+from followerd.record.journal import Dropped, Entry
+from followerd.runtime.vision import Vision
+from followerd.trackers.looking import HISTORY, Looking
 
 CAMERA = Camera.from_hfov(64, 48, 0.8)
 
@@ -59,9 +61,9 @@ def unknown(stamp: float) -> None:
 
 
 async def test_while_the_tracker_works_only_the_newest_frame_waits() -> None:
-    tracker, results = Recorder(), list[Tracked]()
+    tracker, results, journal = Recorder(), list[Tracked](), list[Entry]()
     tracker.gate = threading.Event()
-    vision = Vision(tracker, unknown, unknown, results.append, work=0.0)
+    vision = Vision(Looking(tracker, unknown, unknown), results.append, journal.append, work=0.0)
     task = asyncio.create_task(vision.run())
     vision.offer(frame(0))
     await clock.sleep(0.05)
@@ -75,20 +77,22 @@ async def test_while_the_tracker_works_only_the_newest_frame_waits() -> None:
     await asyncio.gather(task, return_exceptions=True)
     assert [result.frame_id for result in results] == [0, 3]
     assert vision.dropped == 2
+    dropped = [entry.frame_id for entry in journal if isinstance(entry, Dropped)]
+    assert dropped == [1, 2]
 
 
 def virtual_vision(tracker: Recorder) -> tuple[Vision, list[Tracked]]:
     """A vision and the results it delivers."""
     results: list[Tracked] = []
-    return Vision(tracker, unknown, unknown, results.append, work=0.01), results
+    looking = Looking(tracker, unknown, unknown)
+    return Vision(looking, results.append, lambda _: None, work=0.01), results
 
 
 def test_in_virtual_time_the_result_comes_after_the_modelled_duration() -> None:
     async def main() -> float:
         stamps: list[float] = []
-        vision = Vision(
-            Recorder(), unknown, unknown, lambda _: stamps.append(clock.now()), work=0.01
-        )
+        looking = Looking(Recorder(), unknown, unknown)
+        vision = Vision(looking, lambda _: stamps.append(clock.now()), lambda _: None, work=0.01)
         task = asyncio.create_task(vision.run())
         vision.offer(frame(0))
         await clock.sleep(1.0)

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+from followerd.bench.recorded_source import RecordedFrames, is_recording
 from followerd.config import Config
 from followerd.geometry import Camera
 from followerd.hw.camera.files import Recording, open_recording
@@ -11,16 +12,20 @@ from followerd.messages import Image
 
 
 def open_source(path: Path) -> Recording:
-    """A video, a folder of images, or a folder with the images in `img/`.
+    """A video, a folder of images (or with the images in `img/`), a recording or a ROS bag.
 
     Raises UsageError or DeviceError when it cannot be opened.
     """
+    if is_recording(path):
+        return RecordedFrames(path)
     inner = path / "img"
     return open_recording(inner if inner.is_dir() else path)
 
 
 def camera_of(recording: Recording, config: Config | None) -> Camera:
-    """The config's camera, or a usual one, at the recording's size."""
+    """The recorded camera, else the config's or a usual one, at the recording's size."""
+    if isinstance(recording, RecordedFrames):
+        return recording.camera
     settings = config.camera if config is not None else CameraSettings()
     size = {"width": recording.width, "height": recording.height}
     return CameraSettings(**(settings.model_dump(include={"hfov_deg", "mount"}) | size)).camera

@@ -33,13 +33,26 @@ class Report:
 
 def html(rows: Sequence[Row], plots: Mapping[str, Figure]) -> str:
     """The page: a table per suite, then the plots with their titles."""
-    parts = [_table(suite, list(part)) for suite, part in groupby(rows, lambda row: row.suite)]
-    parts += [
+    tables = [_table(suite, list(part)) for suite, part in groupby(rows, lambda row: row.suite)]
+    return _page("followerd bench", [*tables, *_pictures(plots)])
+
+
+def page(title: str, text: str, plots: Mapping[str, Figure]) -> str:
+    """A page of plain text and plots."""
+    parts = [f"<h1>{escape(title)}</h1>", *_pictures(plots), f"<pre>{escape(text)}</pre>"]
+    return _page(title, parts)
+
+
+def _pictures(plots: Mapping[str, Figure]) -> list[str]:
+    return [
         f"<h2>{escape(title)}</h2>\n<img alt='{escape(title)}' src='{_embedded(plot)}'>"
         for title, plot in plots.items()
     ]
+
+
+def _page(title: str, parts: Sequence[str]) -> str:
     body = "\n".join(parts)
-    head = f"<meta charset='utf-8'><title>followerd bench</title><style>{STYLE}</style>"
+    head = f"<meta charset='utf-8'><title>{escape(title)}</title><style>{STYLE}</style>"
     return f"<!doctype html>\n<html lang='en'><head>{head}</head>\n<body>\n{body}\n</body></html>\n"
 
 

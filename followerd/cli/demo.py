@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from subprocess import DEVNULL, Popen
 from tempfile import TemporaryDirectory
-from typing import Annotated, TypeVar
+from typing import Annotated, Literal, TypeVar
 
 import yaml
 from cyclopts import Parameter
@@ -17,6 +17,8 @@ from followerd import app, clock
 from followerd.bench.closed_loop import Summary, simulate, staged
 from followerd.bench.film import Film
 from followerd.cli.display import Display
+from followerd.cli.page import on_a_free_port
+from followerd.cli.recording import RecordFile, recorded
 from followerd.cli.run import Ending, Seconds, SummaryFile, in_a_folder, live
 from followerd.config import Config, load
 from followerd.errors import Stopped, UsageError
@@ -52,9 +54,14 @@ def demo(
             help="film the run into this *.mp4, or its end into a *.png", validator=in_a_folder
         ),
     ] = None,
+    record: RecordFile = None,
+    images: Annotated[
+        Literal["exact", "jpeg", "none"] | None, Parameter(help="as the recording keeps them")
+    ] = None,
 ) -> None:
     """Watch a simulated Pioneer follow a person: the real daemon, its drivers and twins."""
     changes = {"sim.scenario": scenario, "seed": seed, **_preset(camera)}
+    changes |= {} if images is None else {"record.images": images}
     settings = staged(load(f"{tracker}-sim", changes))
     ending = Ending()
     with ExitStack() as stack:
@@ -64,11 +71,13 @@ def demo(
             stack.enter_context(darkroom(world))
         display = stack.enter_context(Display(headless=headless))
         logs.configure("warning" if display.is_shown else settings.log_level)
-        watchers: list[app.Attach] = [display.attach, ending.attach]
+        recorders = stack.enter_context(recorded(record, settings))
+        watchers: list[app.Attach] = [*recorders, display.attach, ending.attach]
         if world is not None:
             figures = _in_virtual_time(settings, duration, watchers, render, world)
         else:
-            figures = _in_real_time(settings, duration, watchers, render)
+            tell = None if headless else display.tell
+            figures = _in_real_time(settings, duration, watchers, render, tell)
     _tell(figures)
     ending.finish(figures, summary)
 
@@ -90,20 +99,24 @@ def _in_virtual_time(
 
 
 def _in_real_time(
-    settings: Config, duration: float, watchers: list[app.Attach], render: Path | None
+    settings: Config,
+    duration: float,
+    watchers: list[app.Attach],
+    render: Path | None,
+    tell: Callable[[str], None] | None,
 ) -> Summary:
     """The world and the twins in a process of their own, so that the daemon is measured alone."""
     with TemporaryDirectory(prefix="followerd-") as name, ExitStack() as stack:
         folder = Path(name)
         truth = folder / "truth.jsonl"
         stack.enter_context(_simulation(settings, folder, truth))
-        plugged = app.plugged_into(settings, folder)
+        plugged = on_a_free_port(app.plugged_into(settings, folder))
         plugged = plugged.model_copy(update={"socket": settings.socket or str(folder / "ctl")})
         if render is not None:
             film = stack.enter_context(_film(render, settings, truth_log.Tail(truth).newest))
             thread = stack.enter_context(ThreadPoolExecutor(1, "film"))
             watchers.append(partial(_film_in, thread, film))
-        return clock.run(live(plugged, duration, watchers, truth))
+        return clock.run(live(plugged, duration, watchers, truth, tell))
 
 
 @contextmanager

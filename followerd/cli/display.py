@@ -18,6 +18,7 @@ class Display:
     def __init__(self, *, headless: bool) -> None:
         console = Console()
         self._decision: Decision | None = None
+        self._page = ""
         self._live = (
             None
             if headless or not console.is_terminal
@@ -34,12 +35,20 @@ class Display:
         if self._live is not None:
             daemon.decision_watchers.append(self._look)
 
+    def tell(self, address: str) -> None:
+        """Show where the operator's page is."""
+        self._page = address
+        if self._live is None:
+            print(f"page: {address}", flush=True)
+
     def _look(self, decision: Decision) -> None:
         self._decision = decision
 
     def _table(self) -> RenderableType:
         table = Table.grid(padding=(0, 2))
         decision = self._decision
+        if self._page:
+            table.add_row("page", f"[bold]{self._page}[/]")
         if decision is None:
             table.add_row("[bold]starting[/]")
             return table

@@ -1,7 +1,7 @@
 """`followerd run`: the daemon on the links that a config names."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +9,8 @@ from cyclopts import Parameter, validators
 
 from followerd import app, clock
 from followerd.bench.closed_loop import Run, Summary
+from followerd.cli.page import Anew, Opened
+from followerd.cli.recording import RecordFile, recorded
 from followerd.config import Config, load
 from followerd.errors import Stopped, UsageError
 from followerd.messages import Decision, Mode
@@ -34,6 +36,7 @@ def run(
     *,
     duration: Seconds | None = None,
     summary: SummaryFile = None,
+    record: RecordFile = None,
     links: Annotated[
         Path | None,
         Parameter(help="use what `followerd sim --links` offers for links that say sim"),
@@ -45,10 +48,15 @@ def run(
         settings = app.plugged_into(settings, links)
     if settings.simulated:
         raise UsageError(f"{config} has links that say sim; give --links, or use followerd demo")
-    logs.configure(settings.log_level)
+    logs.configure(settings.log_level, queued=True)
     ending = Ending()
-    figures = clock.run(live(settings, duration, [ending.attach]))
+    with recorded(record, settings) as recorders:
+        figures = clock.run(live(settings, duration, [*recorders, ending.attach], tell=_page))
     ending.finish(figures, summary)
+
+
+def _page(address: str) -> None:
+    print(f"page: {address}", flush=True)
 
 
 async def live(
@@ -56,8 +64,13 @@ async def live(
     duration: float | None,
     watchers: Sequence[app.Attach],
     truth: Path | None = None,
+    tell: Callable[[str], None] | None = None,
 ) -> Summary:
-    """Run the daemon in real time and sum it up; `truth` is what a simulation wrote meanwhile."""
+    """Run the daemon in real time and sum it up; `truth` is what a simulation wrote meanwhile.
+
+    `tell` is given the address of the operator's page; None: no page. When the page chooses
+    another tracker the daemon starts anew, disarmed.
+    """
     record: list[Decision] = []
 
     def attach(daemon: Daemon) -> None:
@@ -66,9 +79,17 @@ async def live(
         for watch in watchers:
             watch(daemon)
 
-    daemon = await app.live(config, duration, attach)
-    truths = truth_log.read(truth) if truth is not None else []
-    return Run(config, daemon, truths, record).summary(clock.now(), virtual=False)
+    began = clock.now()
+    while True:
+        left = None if duration is None else max(0.1, began + duration - clock.now())
+        pages = [] if config.web is None or tell is None else [Opened(config, tell).run]
+        try:
+            daemon = await app.live(config, left, attach, pages)
+        except Anew as choice:
+            config = choice.config
+            continue
+        truths = truth_log.read(truth) if truth is not None else []
+        return Run(config, daemon, truths, record).summary(clock.now(), virtual=False)
 
 
 class Ending:

@@ -25,6 +25,7 @@ from followerd.bench.laser_track import (
 )
 from followerd.bench.overlay import draw
 from followerd.bench.recorded import camera_of, images, open_source
+from followerd.bench.recorded_source import RecordedScans, is_recording
 from followerd.bench.scores import read_people, read_truth
 from followerd.bench.track import (
     Step,
@@ -39,6 +40,7 @@ from followerd.bench.trackers import build
 from followerd.bench.video import VideoWriter
 from followerd.config import Config
 from followerd.errors import UsageError
+from followerd.geometry import Pose2
 from followerd.trackers.interfaces import Tracker
 
 T = TypeVar("T")
@@ -64,9 +66,10 @@ def track(
     Parameters
     ----------
     source
-        A folder of images (or one with the images in img/), or a video file; for legs an .npz
-        file of scans (t, ranges, angle_min, angle_inc) or a folder with scans.npz, and with
-        odom.csv.gz where there is odometry.
+        A folder of images (or one with the images in img/), a video file, a recording (*.mcap) or
+        a ROS 1 or 2 bag; for legs one of the latter two, or an .npz file of scans (t, ranges,
+        angle_min, angle_inc) or a folder with scans.npz, and with odom.csv.gz where there is
+        odometry.
     tracker
         Its kind, or kind/profile: hpf, hpf/paper, legs.
     init
@@ -148,7 +151,7 @@ def _in_scans(
     truth: Path | None,
     out: Path,
 ) -> dict[str, object]:
-    recording = LaserRecording(source, parse_mount(laser) if laser is not None else None)
+    recording = _scans(source, parse_mount(laser) if laser is not None else None)
     point = parse_point(init) if init is not None else None
     labels = None
     if truth is not None:
@@ -159,6 +162,10 @@ def _in_scans(
         rows = follow_scans(tracker, recording, point, start)
         shown = _shown(rows, progress, recording.count - start)
         return summarise_scans(write_csv(out, shown, LASER_COLUMNS), labels)
+
+
+def _scans(source: Path, mount: Pose2 | None) -> LaserRecording | RecordedScans:
+    return RecordedScans(source) if is_recording(source) else LaserRecording(source, mount)
 
 
 def _shown(steps: Iterable[T], progress: Progress, total: int) -> Iterator[T]:

@@ -142,7 +142,8 @@ class Guard:
         s, v = self.settings, wanted.v
         if v > 0:
             v = _slower(v, s.speed_cap, reasons, StopReason.LIMIT, "guard", "speed")
-            v = self._near_target(v, situation, reasons)
+            if situation.permission.drive is None:  # a hand need not know how far anybody is
+                v = self._near_target(v, situation, reasons)
             v = self._near_others(v, situation, reasons)
         if v < 0:
             v = self._backward(v, reasons, now)

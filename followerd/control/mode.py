@@ -1,6 +1,7 @@
 """What the robot is allowed to do: one table of modes, and the permission each mode gives.
 
 DISARMED -> READY -> FOLLOWING <-> HOLDING -> SEARCHING -> IDLE      FAULT, ESTOP (latched)
+MANUAL: driven by hand, with a dead-man (FAILSAFES F14)
 """
 
 from dataclasses import dataclass, replace
@@ -19,6 +20,7 @@ from followerd.messages import (
     StopReason,
     TrackPhase,
     TrackState,
+    Twist,
 )
 from followerd.settings import Settings
 
@@ -33,6 +35,7 @@ class Action(Enum):
     DISARM = "disarm"
     STOP = "stop"
     CLEAR = "clear"
+    MANUAL = "manual"
 
 
 class Signal(Enum):
@@ -47,7 +50,9 @@ class Signal(Enum):
 
 
 _DRAINED = (BatteryLevel.LOW, BatteryLevel.WEAK)
-ARMED = frozenset({Mode.READY, Mode.FOLLOWING, Mode.HOLDING, Mode.SEARCHING, Mode.IDLE})
+ARMED = frozenset(
+    {Mode.READY, Mode.FOLLOWING, Mode.HOLDING, Mode.SEARCHING, Mode.IDLE, Mode.MANUAL}
+)
 
 TRANSITIONS: dict[tuple[Mode, Action | Signal], Mode] = {
     **{(mode, Action.STOP): Mode.ESTOP for mode in Mode},
@@ -56,6 +61,7 @@ TRANSITIONS: dict[tuple[Mode, Action | Signal], Mode] = {
     **{(mode, Action.DISARM): Mode.DISARMED for mode in ARMED},
     **{(mode, Action.ENROL): Mode.DISARMED for mode in ARMED},  # another person: confirm, arm
     **{(mode, Action.HOLD): Mode.HOLDING for mode in ARMED},
+    **{(mode, Action.MANUAL): Mode.MANUAL for mode in (Mode.DISARMED, *ARMED)},
     (Mode.ESTOP, Action.CLEAR): Mode.DISARMED,
     (Mode.FAULT, Action.CLEAR): Mode.DISARMED,
     (Mode.FAULT, Action.DISARM): Mode.DISARMED,
@@ -67,6 +73,7 @@ TRANSITIONS: dict[tuple[Mode, Action | Signal], Mode] = {
     (Mode.FAULT, Action.ARM): Mode.READY,
     (Mode.HOLDING, Action.ARM): Mode.READY,
     (Mode.IDLE, Action.ARM): Mode.READY,
+    (Mode.MANUAL, Action.ARM): Mode.READY,
     (Mode.READY, Signal.SURE): Mode.FOLLOWING,
     (Mode.HOLDING, Signal.SURE): Mode.FOLLOWING,
     (Mode.SEARCHING, Signal.SURE): Mode.FOLLOWING,
@@ -91,6 +98,14 @@ class ModeSettings(Settings):
     occluded_s: float = Field(5.0, ge=0, le=5.0, description="following a prediction")
     occluded_sigma_m: float = Field(0.5, gt=0, le=0.5, description="of a prediction followed")
     occluded_speed_mps: float = Field(0.4, ge=0, le=0.4, description="following a prediction")
+    suspended_s: float = Field(
+        1.0, gt=0.2, description="a computer that was away so long is armed again by hand"
+    )
+    operator_gone_s: float = Field(
+        0.8, gt=0, description="without a sign of the session that armed, before it is over"
+    )
+    hand_s: float = Field(0.15, gt=0, le=0.15, description="a command of the hand is good for")
+    manual_speed_mps: float = Field(0.4, gt=0, le=0.7, description="driven by hand")
     limp_speed_mps: float = Field(0.3, gt=0, le=0.3, description="while the battery is weak")
 
 
@@ -102,6 +117,7 @@ class Permission:
     max_speed: float = 0.0  # m/s, forward or backward
     search: float = 0.0  # rad/s, turn to find the person; 0 = turn to where the track is
     reasons: tuple[Reason, ...] = ()  # why it is less than everything
+    drive: Twist | None = None  # what the operator's hand asks for
 
 
 class Modes:
@@ -122,14 +138,21 @@ class Modes:
         self._good = 0  # good frames in a row
         self._doubt_since = inf  # s, first frame that was not good
         self._side = 1.0  # +1: last seen on the left
+        self._session = ""  # that armed; empty: none that could go away
+        self._present_at = -inf  # s, last sign of that session
+        self._hand = Twist()
+        self._hand_at = -inf  # s
 
     @property
     def armed(self) -> bool:
         """Whether the robot may come to move by itself."""
         return self.mode in ARMED
 
-    def operate(self, action: Action, now: float) -> str:
-        """Do what the operator asks; returns why not, or nothing."""
+    def operate(self, action: Action, now: float, session: str = "") -> str:
+        """Do what the operator asks; returns why not, or nothing.
+
+        What a `session` arms ends with it.
+        """
         if (self.mode, action) not in TRANSITIONS:
             return f"cannot {action.value} while {self.mode.value}"
         if refusal := self._refusal(action, now):
@@ -139,6 +162,8 @@ class Modes:
             self._phase, self._doubt_since = TrackPhase.LOST, now
         if action is Action.CONFIRM:
             self.confirmed = True
+        if action in (Action.ARM, Action.MANUAL):
+            self._session, self._present_at, self._hand_at = session, now, -inf
         self._held = action is Action.HOLD
         self._go(action, now)
         return ""
@@ -167,11 +192,36 @@ class Modes:
             self._go(Signal.BREAK, now, Reason(StopReason.BUMPER, "base"))
         if odometry.stop_button:
             self._go(Signal.RELEASE, now, Reason(StopReason.STOP_BUTTON, "base"))
-        late = self.mode is not Mode.READY or now - self._since > self.settings.motors_on_within_s
+        waits = self.mode in (Mode.READY, Mode.MANUAL)
+        late = not waits or now - self._since > self.settings.motors_on_within_s
         if late and not odometry.motors_enabled:
             self._go(Signal.RELEASE, now, Reason(StopReason.MOTORS_OFF, "base"))
         if odometry.battery_level is BatteryLevel.EMPTY:
             self._go(Signal.RELEASE, now, _battery(odometry))
+
+    def present(self, session: str, now: float, *, here: bool) -> None:
+        """A sign that an operator's session is there, or that it is over."""
+        if session != self._session or not session:
+            return
+        if here:
+            self._present_at = now
+        else:
+            self._go(Signal.RELEASE, now, Reason(StopReason.OPERATOR_GONE, "operator"))
+
+    def drive(self, wanted: Twist, session: str, now: float) -> None:
+        """What the hand of the session that drives asks for now."""
+        if self.mode is Mode.MANUAL and session == self._session:
+            self._hand, self._hand_at = wanted, now
+
+    def late(self, seconds: float, now: float) -> None:
+        """The loop was held up so long (FAILSAFES F5; F15: as long as a suspend)."""
+        reason = Reason(StopReason.LOOP_LATE, "computer", f"{seconds:.2f} s")
+        self._good, self._hand_at = 0, -inf
+        if seconds > self.settings.suspended_s:
+            self._go(Signal.RELEASE, now, reason)
+        else:
+            self._doubt_since = min(self._doubt_since, now)
+            self._go(Signal.UNSURE, now, reason)
 
     def fault(self, fault: Fault, now: float) -> None:
         """Take a device's failure or its recovery; a recovery alone moves nothing."""
@@ -191,6 +241,8 @@ class Modes:
             return Permission(reasons=stale)
         if self.mode is Mode.FOLLOWING:
             return self._as_far_as_powered(self._following(now))
+        if self.mode is Mode.MANUAL:
+            return self._as_far_as_powered(self._by_hand(now))
         if self.mode is Mode.SEARCHING:
             gone = self._phase is TrackPhase.LOST
             turn = radians(self.settings.search_turn_degps) * self._side if gone else 0.0
@@ -204,6 +256,8 @@ class Modes:
         s = self.settings
         if stale and self.freshness.disarms(now):
             self._go(Signal.RELEASE, now, *stale)
+        if self._session and not now - self._present_at <= s.operator_gone_s:
+            self._go(Signal.RELEASE, now, Reason(StopReason.OPERATOR_GONE, "operator"))
         doubt = now - self._doubt_since
         lost = self._phase is TrackPhase.LOST
         ready = self._odometry is not None and self._odometry.motors_enabled
@@ -233,6 +287,11 @@ class Modes:
             return Permission(True, s.occluded_speed_mps * left, 0.0, (coasting,))
         doubtful = Reason(StopReason.TARGET_UNSURE, "tracker", self._phase.value, full_stop=False)
         return Permission(True, s.occluded_speed_mps, 0.0, (doubtful,))
+
+    def _by_hand(self, now: float) -> Permission:
+        if not now - self._hand_at <= self.settings.hand_s:
+            return Permission(reasons=(Reason(StopReason.NO_DRIVING_HAND, "operator"),))
+        return Permission(True, self.settings.manual_speed_mps, drive=self._hand)
 
     def _as_far_as_powered(self, permission: Permission) -> Permission:
         """A low battery is a warning, a weak one makes the robot limp."""
@@ -265,10 +324,21 @@ class Modes:
             return Reason(StopReason.NO_TARGET).stop.value
         if action is Action.CLEAR and self.mode is Mode.FAULT:
             return "; ".join(map(str, self._outstanding()))
+        if action is Action.MANUAL:
+            return "; ".join(map(str, self._not_fresh(now)))
         return "; ".join(map(str, self._unfit(now))) if action is Action.ARM else ""
 
     def _unfit(self, now: float) -> tuple[Reason, ...]:
         """Why the robot cannot be armed now."""
+        reasons = self._not_fresh(now)
+        if not self.enrolled:
+            reasons.append(Reason(StopReason.NO_TARGET))
+        elif not self.confirmed:
+            reasons.append(Reason(StopReason.NOT_CONFIRMED))
+        return tuple(reasons)
+
+    def _not_fresh(self, now: float) -> list[Reason]:
+        """Why nothing may drive it now, not even a hand."""
         reasons = [*self._outstanding(), *self.freshness.stale(now)]
         if not reasons and self.freshness.fresh_for(now) < self.settings.fresh_before_arming_s:
             reasons.append(Reason(StopReason.START_UP))
@@ -276,11 +346,7 @@ class Modes:
             reasons.append(Reason(StopReason.STOP_BUTTON, "base"))
         if self._odometry is not None and self._odometry.battery_level is BatteryLevel.EMPTY:
             reasons.append(_battery(self._odometry))
-        if not self.enrolled:
-            reasons.append(Reason(StopReason.NO_TARGET))
-        elif not self.confirmed:
-            reasons.append(Reason(StopReason.NOT_CONFIRMED))
-        return tuple(reasons)
+        return reasons
 
     def _outstanding(self) -> list[Reason]:
         return [Reason(f.reason, f.device, f.detail) for f in self._faults.values()]
@@ -293,6 +359,8 @@ class Modes:
         self.mode, self._since, self._why = goal, now, why
         if goal is Mode.READY:
             self._good = 0
+        if goal not in ARMED:
+            self._session = ""
 
 
 def _battery(odometry: Odometry) -> Reason:

@@ -69,6 +69,10 @@ class PortStream:
         self._loop.add_reader(port.fileno(), self._on_readable)
         self._open = True
 
+    def fileno(self) -> int:
+        """The port's file descriptor."""
+        return self._port.fileno()
+
     @property
     def queued(self) -> int:
         """Bytes written that the port has not taken yet."""

@@ -105,7 +105,7 @@ async def answer(daemon: Daemon, line: bytes) -> dict[str, Any]:
         return {"ok": True, "box": _numbers(state.box), "confidence": round(state.confidence, 3)}
     if do not in ACTIONS:
         return _refused(f"unknown request {do!r}; known are {', '.join(REQUESTS)}")
-    refused = daemon.act(ACTIONS[do], "ctl")
+    refused = daemon.act(ACTIONS[do])
     return _refused(refused) if refused else {"ok": True, **status(daemon)}
 
 

@@ -10,13 +10,17 @@ from followerd.errors import UsageError
 from followerd.estimation.gaze import Gaze
 from followerd.hw.interfaces import Base, ExposureLock, PanTilt, Sensor
 from followerd.messages import Box, Decision, Image, Measurement, PtzState, TrackState
-from followerd.pipeline import Event, Operator, Pipeline, Tick
+from followerd.pipeline import Event, Late, Operator, Pipeline, Tick
+from followerd.record.journal import Entry, Taken
+from followerd.runtime.overheard import Hear
 from followerd.runtime.stats import Stats
 from followerd.runtime.supervisor import supervise
 from followerd.runtime.vision import Vision
 from followerd.trackers.interfaces import Tracker
+from followerd.trackers.looking import Looking
 
 EARLY = 0.001  # s that a timer may fire before its time
+LATE = 0.2  # s that the loop may be held up
 TICK = 0.05  # s without any event after which staleness is looked at
 
 log = structlog.get_logger()
@@ -38,10 +42,13 @@ class Daemon:
         self.head = head
         self.sensors = (*sensors, head) if head else sensors
         self.pipeline = pipeline
-        self.vision = Vision(tracker, pipeline.ego_at, pipeline.place_at, self.handle, image_work)
+        looking = Looking(tracker, pipeline.ego_at, pipeline.place_at)
+        self.vision = Vision(looking, self.handle, self._consumed, image_work)
         self.stats = Stats(began=clock.now())
         self.decision: Decision | None = None
         self.decision_watchers: list[Callable[[Decision], None]] = []
+        self.journal_watchers: list[Callable[[Entry], None]] = []
+        self.line_watchers: list[Hear] = []  # of the devices' bytes, where the config wants them
         self.measurement_watchers: list[Callable[[Measurement], None]] = [self.stats.measured]
         self._gaze = Gaze()
         self._motors = False
@@ -76,7 +83,10 @@ class Daemon:
 
     def handle(self, event: Event) -> Decision:
         """One event through the pipeline, and its command to the base."""
-        decision = self.pipeline.step(event, clock.now())
+        now = clock.now()
+        if self.journal_watchers:
+            self._consumed(Taken(now, event))
+        decision = self.pipeline.step(event, now)
         if decision.motors is not self._motors:
             self._motors = decision.motors
             self.base.enable_motors(decision.motors)
@@ -110,6 +120,10 @@ class Daemon:
         log.info("operator", action=action.value, refused=decision.refused or None)
         return decision.refused
 
+    def _consumed(self, entry: Entry) -> None:
+        for watch in self.journal_watchers:
+            watch(entry)
+
     def _lock_exposure(self, locked: bool) -> None:
         """The person's colours must stay as they were learned."""
         for sensor in self.sensors:
@@ -121,5 +135,8 @@ class Daemon:
             due = TICK + (self.decision.stamp if self.decision else self.stats.began)
             if clock.now() < due - EARLY:
                 await clock.sleep_until(due)
+                if (late := clock.now() - due) > LATE:
+                    log.warning("the loop was late", seconds=round(late, 3))
+                    self.handle(Late(late))
             else:
                 self.handle(Tick())

@@ -8,17 +8,13 @@ from functools import partial
 from typing import TypeVar
 
 from followerd import clock
-from followerd.errors import UsageError
-from followerd.geometry import Pose2
-from followerd.messages import Box, Image, Place, TrackState
+from followerd.messages import Box, Image, TrackState
 from followerd.pipeline import Tracked
-from followerd.trackers.interfaces import Tracker
+from followerd.record.journal import Dropped, Enrolled, Looked
+from followerd.trackers.looking import Looking
 
 T = TypeVar("T")
 KEPT = 100_000  # durations; a daemon runs for weeks
-HISTORY = 45  # frames kept so that a click on a frame seen a moment ago can be honoured
-
-Seen = tuple[Image, Pose2 | None, Place | None]  # and where the person is then
 
 
 class Vision:
@@ -27,28 +23,27 @@ class Vision:
 
     def __init__(
         self,
-        tracker: Tracker,
-        ego_at: Callable[[float], Pose2 | None],
-        place_at: Callable[[float], Place | None],
+        looking: Looking,
         deliver: Callable[[Tracked], object],
+        consumed: Callable[[Looked | Enrolled | Dropped], None],
         work: float,
     ) -> None:
-        self._tracker = tracker
-        self._ego_at = ego_at
-        self._place_at = place_at
+        self._looking = looking
         self._deliver = deliver
+        self._consumed = consumed
         self._work = work
         self._waiting: Image | None = None
         self._arrived = asyncio.Event()
         self._busy = asyncio.Lock()
-        self._history: deque[Seen] = deque(maxlen=HISTORY)
         self._executor = ThreadPoolExecutor(1, "vision")
         self.dropped = 0
         self.step_times: deque[float] = deque(maxlen=KEPT)  # s
 
     def offer(self, image: Image) -> None:
         """Take the newest frame; one that was still waiting is dropped and counted."""
-        self.dropped += self._waiting is not None
+        if self._waiting is not None:
+            self.dropped += 1
+            self._consumed(Dropped(clock.now(), self._waiting.id))
         self._waiting = image
         self._arrived.set()
 
@@ -72,41 +67,29 @@ class Vision:
         Raises UsageError when that frame is gone or shows nothing to learn.
         """
         async with self._busy:
-            image, ego, _ = self._frame(frame_id)
-            state = await self._call(partial(self._tracker.enrol, image, region, ego))
-            for later in [seen for seen in self._history if seen[0].id > image.id]:
-                stepped = await self._call(partial(self._tracker.step, *later))
-                state = stepped or state
-                image = later[0]
+            seen = self._looking.find(frame_id)
+            self._consumed(Enrolled(clock.now(), seen[0].id, region))
+            steps = 1 + len(self._looking.later(seen[0].id))
+            image, state = await self._call(partial(self._looking.enrol, seen, region), steps)
         self._deliver(Tracked(image.stamp, image.received, image.id, state))
         return state
 
     @property
     def newest(self) -> Image | None:
         """The newest frame that was given to the tracker."""
-        return self._history[-1][0] if self._history else None
-
-    def _frame(self, frame_id: int | None) -> Seen:
-        if not self._history:
-            raise UsageError("no camera image yet; wait for the camera")
-        if frame_id is None:
-            return self._history[-1]
-        for seen in self._history:
-            if seen[0].id == frame_id:
-                return seen
-        raise UsageError(f"frame {frame_id} is too old or unknown; click on the newest picture")
+        return self._looking.newest
 
     async def _track(self, image: Image) -> None:
         async with self._busy:
-            seen = image, self._ego_at(image.stamp), self._place_at(image.stamp)
-            self._history.append(seen)
-            track = await self._call(partial(self._tracker.step, *seen))
+            seen = self._looking.take(image)
+            self._consumed(Looked(clock.now(), image.id, *seen[1:]))
+            track = await self._call(partial(self._looking.step, seen))
         self._deliver(Tracked(image.stamp, image.received, image.id, track))
 
-    async def _call(self, work: Callable[[], T]) -> T:
+    async def _call(self, work: Callable[[], T], steps: int = 1) -> T:
         if clock.is_virtual():
             result = work()
-            await clock.sleep(self._work)
+            await clock.sleep(steps * self._work)
             return result
         began = clock.now()
         result = await asyncio.get_running_loop().run_in_executor(self._executor, work)

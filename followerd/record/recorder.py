@@ -1,0 +1,102 @@
+"""Records a running daemon: a bounded queue before a thread of its own, which may fail alone.
+
+Recording is the first to give way (FAILSAFES F16): images when the disk cannot keep up, then
+everything when the disk fills. The loop never waits for it.
+"""
+
+import threading
+from collections.abc import Callable
+from functools import partial
+from queue import Empty, Full, Queue
+
+import structlog
+
+from followerd.messages import Decision, Image, Measurement
+from followerd.record.journal import Entry
+from followerd.record.tape import DiskFull, Tape
+
+log = structlog.get_logger()
+
+Write = Callable[[], None]
+PATIENCE = 0.2  # s, between two looks whether the recording is to end
+
+
+class Recorder:
+    """What a daemon's watchers call; `threaded` False writes in place, for virtual time."""
+
+    def __init__(self, tape: Tape, *, threaded: bool = True) -> None:
+        self.tape = tape
+        self.stopped = ""  # why nothing is recorded any more
+        self.dropped_images = 0
+        self.dropped = 0  # records other than images: a replay goes no further
+        self._entries = 0
+        self._queue: Queue[Write] = Queue(tape.settings.queue)
+        self._room = threading.Semaphore(tape.settings.queued_images)
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._work, name="recorder") if threaded else None
+        if self._thread is not None:
+            self._thread.start()
+
+    def measured(self, measurement: Measurement) -> None:
+        """Watches measurements: the images among them."""
+        if isinstance(measurement, Image) and not self.stopped:
+            if not self._room.acquire(blocking=False):
+                self.dropped_images += 1
+            elif not self._put(partial(self._image, measurement)):
+                self._room.release()
+
+    def consumed(self, entry: Entry) -> None:
+        """Watches what the daemon consumes."""
+        self._entries += 1
+        self._put(partial(self.tape.entry, entry, self._entries))
+
+    def decided(self, decision: Decision) -> None:
+        """Watches decisions."""
+        self._put(partial(self.tape.decision, decision))
+
+    def heard(self, device: str, data: bytes, now: float) -> None:
+        """Watches a device's line."""
+        self._put(partial(self.tape.heard, device, data, now))
+
+    def close(self) -> None:
+        """Write what waits, and finish the file."""
+        self._ending.set()
+        if self._thread is not None:
+            self._thread.join()
+        elif not self.stopped:
+            self.tape.close()
+
+    def _put(self, write: Write) -> bool:
+        if self.stopped:
+            return False
+        if self._thread is None:
+            self._try(write)
+            return True
+        try:
+            self._queue.put_nowait(write)
+        except Full:
+            self.dropped += 1
+            return False
+        return True
+
+    def _image(self, image: Image) -> None:
+        self._room.release()
+        self.tape.image(image)
+
+    def _work(self) -> None:
+        while not (self._ending.is_set() and self._queue.empty()) and not self.stopped:
+            try:
+                write = self._queue.get(timeout=PATIENCE)
+            except Empty:
+                continue
+            self._try(write)
+        if not self.stopped:
+            self.tape.close()
+
+    def _try(self, write: Write) -> None:
+        try:
+            write()
+        except (DiskFull, OSError, RuntimeError) as error:
+            self.stopped = f"recording stopped: {error}"
+            log.warning("recording stopped", reason=str(error), file=str(self.tape.path))
+            self.tape.close()

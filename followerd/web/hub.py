@@ -1,0 +1,117 @@
+"""What all viewers of the page look at: the newest of everything, worked out once for all."""
+
+import asyncio
+import json
+import struct
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import cv2
+
+from followerd import clock
+from followerd.geometry import Pose2
+from followerd.messages import Decision, Image, Measurement, Scan
+from followerd.runtime.daemon import Daemon
+from followerd.web.views import decision_view, number, scan_view, track_view
+
+HEADER = struct.Struct("<IIdd")  # kind 1, frame id, s captured (loop), s sent (loop)
+PICTURE = 1
+STATE_PERIOD = 0.1  # s
+
+
+class Hub:
+    """Looks on at a daemon; `changed` are called when there is a new picture or track."""
+
+    def __init__(self, daemon: Daemon, jpeg_quality: int, extra: Callable[[], dict[str, Any]]):
+        self.daemon = daemon
+        self.image: Image | None = None
+        self.viewers: set[Callable[[], None]] = set()
+        self._extra = extra
+        self._quality = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality]
+        self._thread = ThreadPoolExecutor(1, "pictures")
+        self._encoded: tuple[int, bytes] | None = None
+        self._encoding: asyncio.Future[bytes] | None = None
+        self._scan: tuple[Scan, Pose2] | None = None
+        self._track = ""
+        self._track_frame: int | None = None
+        self._state: tuple[float, str] = (-1.0, "")
+
+    def attach(self) -> None:
+        """Begin to look."""
+        self.daemon.measurement_watchers.append(self._measured)
+        self.daemon.decision_watchers.append(self._decided)
+
+    def close(self) -> None:
+        """Stop to look."""
+        self.daemon.measurement_watchers.remove(self._measured)
+        self.daemon.decision_watchers.remove(self._decided)
+        self._thread.shutdown(wait=False)
+
+    async def picture(self, image: Image) -> bytes:
+        """The message that shows `image`; encoded once, off the loop, for all viewers."""
+        if self._encoded is None or self._encoded[0] != image.id:
+            if self._encoding is None:
+                loop = asyncio.get_running_loop()
+                self._encoding = loop.run_in_executor(self._thread, self._encode, image)
+            encoding = self._encoding
+            data = await encoding
+            if self._encoding is encoding:
+                self._encoding, self._encoded = None, (image.id, data)
+            return HEADER.pack(PICTURE, image.id, image.stamp, clock.now()) + data
+        return HEADER.pack(PICTURE, image.id, image.stamp, clock.now()) + self._encoded[1]
+
+    def _encode(self, image: Image) -> bytes:
+        return bytes(cv2.imencode(".jpg", image.pixels, self._quality)[1])
+
+    @property
+    def track(self) -> str:
+        """The newest track, as the message that shows it."""
+        return self._track
+
+    def state(self) -> str:
+        """Everything that changes less often; worked out ten times a second at most."""
+        now, decision = clock.now(), self.daemon.decision
+        if decision is None:
+            return json.dumps({"state": {"mode": "disarmed", "reasons": ["starting"]}})
+        if now - self._state[0] >= 0.9 * STATE_PERIOD:
+            view = decision_view(decision, self.daemon.pipeline.ego_at(now)) | self._extra()
+            view["devices"] = self._devices(now)
+            if self._scan is not None:
+                view["scan"] = scan_view(*self._scan)
+            self._state = now, json.dumps({"state": view}, allow_nan=False)
+        return self._state[1]
+
+    def _devices(self, now: float) -> list[dict[str, Any]]:
+        freshness, stats = self.daemon.pipeline.freshness, self.daemon.stats
+        return [
+            {
+                "name": name,
+                "age": number(now - newest),
+                "limit": number(freshness.stale_after[name]),
+                "fresh": now - newest <= freshness.stale_after[name],
+            }
+            for name, newest in freshness.newest.items()
+        ] + [{"name": "frames dropped", "count": self.daemon.vision.dropped, "of": stats.frames}]
+
+    def _measured(self, measurement: Measurement) -> None:
+        if isinstance(measurement, Image):
+            self.image = measurement
+            self._tell()
+        elif isinstance(measurement, Scan):
+            base = self.daemon.pipeline.ego_at(measurement.stamp)
+            self._scan = None if base is None else (measurement, base)
+
+    def _decided(self, decision: Decision) -> None:
+        track = decision.track
+        frame = None if track is None else track.frame_id
+        if not self.viewers or (frame == self._track_frame and frame is not None):
+            return
+        self._track_frame = frame
+        view = track_view(decision)
+        self._track = json.dumps({"track": view}, allow_nan=False)
+        self._tell()
+
+    def _tell(self) -> None:
+        for changed in self.viewers:
+            changed()

@@ -1,0 +1,100 @@
+"""A process beside the daemon stops the base when the loop is blocked or gone (F5, F6)."""
+
+import asyncio
+import ctypes
+import os
+import pty
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from followerd.hw.p2os.writer import HALT
+from followerd.hw.serial import TtyLink
+from followerd.runtime.heartbeat import Heartbeat
+
+pytestmark = pytest.mark.realtime
+
+
+@pytest.fixture
+def line() -> Iterator[tuple[int, str]]:
+    """A line: the base's end, and the path of the daemon's."""
+    base, ours = pty.openpty()
+    try:
+        yield base, os.ttyname(ours)
+    finally:
+        os.close(base)
+        os.close(ours)
+
+
+def heard(base: int, seconds: float) -> bytes:
+    """What the base hears in so long."""
+    data, end = b"", time.monotonic() + seconds
+    while (left := end - time.monotonic()) > 0:
+        if select.select([base], [], [], left)[0]:
+            data += os.read(base, 4096)
+    return data
+
+
+def hold_the_interpreter(seconds: float) -> None:
+    """A call into C that keeps every other thread out."""
+    ctypes.PyDLL(None).usleep(round(1e6 * seconds))
+
+
+@pytest.mark.parametrize("block", [time.sleep, hold_the_interpreter])
+async def test_a_blocked_loop_is_noticed_from_outside(
+    line: tuple[int, str], block: Callable[[float], object]
+) -> None:
+    base, path = line
+    heartbeat = Heartbeat(HALT)
+    running = asyncio.ensure_future(heartbeat.run())
+    stream = await heartbeat.guarded(TtyLink(path)).open("base", 9600)
+    await asyncio.sleep(0.6)
+    assert heard(base, 0.0) == b""  # a loop that lives is left alone
+    block(0.55)
+    assert heard(base, 0.01).startswith(HALT)
+    await asyncio.sleep(0.5)
+    heard(base, 0.0)
+    await asyncio.sleep(0.5)
+    assert heard(base, 0.0) == b""  # and again
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+    stream.close()
+    assert heard(base, 0.2) == b""  # an orderly end needs no last resort
+
+
+DAEMON = """
+import asyncio, sys
+from followerd.hw.p2os.writer import HALT
+from followerd.hw.serial import TtyLink
+from followerd.runtime.heartbeat import Heartbeat
+async def main():
+    heartbeat = Heartbeat(HALT)
+    running = asyncio.ensure_future(heartbeat.run())
+    await heartbeat.guarded(TtyLink(sys.argv[1])).open("base", 9600)
+    print("up", flush=True)
+    await running
+asyncio.run(main())
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_daemon_that_is_killed_or_frozen_is_outlived(
+    line: tuple[int, str], end: signal.Signals
+) -> None:
+    base, path = line
+    with subprocess.Popen([sys.executable, "-c", DAEMON, path], stdout=subprocess.PIPE) as daemon:
+        assert daemon.stdout is not None
+        daemon.stdout.readline()
+        time.sleep(0.6)
+        assert heard(base, 0.0) == b""
+        daemon.send_signal(end)
+        assert heard(base, 0.7).startswith(HALT)
+        daemon.kill()
+    heard(base, 1.0)
+    assert heard(base, 1.0) == b""  # nothing keeps the base's own watchdog quiet

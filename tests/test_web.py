@@ -1,0 +1,234 @@
+"""Who may see and command the robot through the page, and that nothing else gets through."""
+
+import asyncio
+import json
+from contextlib import suppress
+from typing import Any
+
+import aiohttp
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from followerd import clock
+from followerd.config import WebSection
+from followerd.errors import UsageError
+from followerd.messages import Mode
+from followerd.web.access import Access, Command
+from followerd.web.requests import parse
+from tests.web_page import Served, opened, served
+
+GOOD = [
+    {"do": "ack", "frame": 3},
+    {"do": "arm"},
+    {"do": "enrol", "region": [1, 2], "frame": 3},
+    {"do": "enrol", "region": [1, 2, 30, 40], "frame": 3},
+    {"do": "drive", "forward": 0.5, "left": -1},
+    {"do": "record", "on": True},
+    {"do": "choose", "tracker": "hpf/paper"},
+]
+BAD = [
+    "",
+    "{",
+    "[]",
+    "null",
+    '{"do": "explode"}',
+    '{"do": "arm", "more": 1}',
+    '{"do": "drive", "forward": NaN, "left": 0}',
+    '{"do": "drive", "forward": 1e9, "left": 0}',
+    '{"do": "drive", "forward": true}',
+    '{"do": "enrol", "region": [1], "frame": 3}',
+    '{"do": "enrol", "region": [1, 2], "frame": "x"}',
+    '{"do": "record", "on": "maybe"}',
+]
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner),
+    max_leaves=8,
+)
+
+
+@pytest.mark.parametrize("message", GOOD, ids=lambda m: m["do"])
+def test_a_request_is_understood(message: dict[str, Any]) -> None:
+    assert parse(json.dumps(message)).do == message["do"]
+
+
+@pytest.mark.parametrize("text", BAD)
+def test_a_malformed_request_is_refused_with_a_reason(text: str) -> None:
+    with pytest.raises(UsageError, match=r".+"):
+        parse(text)
+
+
+@given(json_values | st.fixed_dictionaries({"do": st.sampled_from(["drive", "enrol", "ack"])}))
+def test_whatever_is_sent_is_a_request_or_refused(value: Any) -> None:
+    with suppress(UsageError):
+        assert parse(json.dumps(value)).do
+
+
+def test_a_token_is_guessed_five_times_at_most() -> None:
+    access = Access(WebSection(host="0.0.0.0"))
+    assert len(access.token) >= 24
+    assert access.login(access.token, 0.0)
+    assert not any(access.login("guess", 0.1 * k) for k in range(5))
+    assert access.login(access.token, 1.0) is None  # not even the right one, for a minute
+    assert access.login(access.token, 70.0)
+
+
+def test_one_commands_until_he_is_gone() -> None:
+    command = Command(patience=3.0)
+    assert command.take("a", 0.0)
+    assert not command.take("b", 2.0)
+    assert command.sign("a", 2.5)
+    assert not command.take("b", 5.0)
+    assert command.take("b", 6.0)
+    assert not command.sign("a", 6.1)
+
+
+def doing(here: Served) -> tuple[Mode, bool]:
+    """The daemon's mode, and whether it stands."""
+    assert here.daemon.decision is not None
+    return here.daemon.decision.mode, here.daemon.decision.command.stops
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({}, 200),
+        ({"Host": "evil.example"}, 403),
+        ({"Host": "localhost:1"}, 200),
+        ({"Host": "192.168.1.7"}, 403),
+        ({"Host": "["}, 403),
+    ],
+)
+async def test_only_names_of_this_computer_are_served(headers: dict[str, str], status: int) -> None:
+    async with (
+        served() as here,
+        aiohttp.ClientSession() as session,
+        session.get(here.address, headers=headers) as answer,
+    ):
+        assert answer.status == status
+        assert answer.headers["X-Frame-Options"] == "DENY"
+        assert "default-src 'self'" in answer.headers["Content-Security-Policy"]
+
+
+async def test_another_page_in_the_same_browser_gets_no_socket() -> None:
+    async with served() as here, aiohttp.ClientSession() as session:
+        for headers in ({}, {"Origin": "http://evil.example"}):
+            async with session.get(f"{here.address}ws", headers=headers) as answer:
+                assert answer.status == 403
+        async with session.get(f"{here.address}ws", headers=here.origin) as answer:
+            assert answer.status == 401  # no session
+
+
+async def test_elsewhere_than_on_loopback_a_token_is_asked_for() -> None:
+    async with served(host="0.0.0.0") as here, aiohttp.ClientSession() as session:
+        base, token = here.address.replace("0.0.0.0", "127.0.0.1").split("#")
+        origin = {"Origin": base.rstrip("/")}
+        for body, status in (("wrong", 401), (token, 204)):
+            async with session.post(f"{base}session", data=body, headers=origin) as answer:
+                assert answer.status == status
+        for headers, status in (({}, 401), ({"Authorization": f"Bearer {token}"}, 200)):
+            async with session.get(f"{base}metrics", headers=headers) as answer:
+                assert answer.status == status
+
+
+async def test_metrics_and_health_are_served() -> None:
+    async with served() as here, aiohttp.ClientSession() as session:
+        await clock.sleep(1.5)
+        async with session.get(f"{here.address}metrics") as answer:
+            text = await answer.text()
+        assert 'followerd_stream_age_seconds{stream="scan"}' in text
+        assert 'followerd_mode{mode="disarmed"} 1.0' in text
+        async with session.get(f"{here.address}healthz") as answer:
+            assert answer.status == 200
+            assert (await answer.json())["mode"] == "disarmed"
+
+
+async def test_who_does_not_command_only_looks_and_stops() -> None:
+    async with served() as here, opened(here) as first, opened(here) as second:
+        assert (await first.ask("command"))["ok"]
+        assert (await second.ask("command"))["error"] == "somebody else commands"
+        assert "take the command first" in (await second.ask("confirm"))["error"]
+        assert (await second.ask("stop"))["ok"]
+        await first.until("estop")
+        assert (await first.ask("clear"))["ok"]
+        await second.until("disarmed")
+
+
+async def test_nonsense_is_answered_and_in_the_end_thrown_out() -> None:
+    async with served() as here, opened(here) as talk:
+        for _ in range(19):
+            await talk.socket.send_str("{")
+            assert not (await talk.answer())["ok"]
+        assert (await talk.ask("command"))["ok"]  # good again
+        for _ in range(25):
+            await talk.socket.send_str("nonsense")
+        while (message := await talk.socket.receive(5.0)).type is not aiohttp.WSMsgType.CLOSE:
+            assert message.type in (aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY)
+        assert doing(here) == (Mode.DISARMED, True)
+
+
+async def test_a_flood_is_cut_off_and_the_daemon_goes_on() -> None:
+    async with served() as here, opened(here) as talk:
+        closed = False
+        for _ in range(2000):
+            if talk.socket.closed:
+                break
+            try:
+                await talk.say("alive")
+            except ConnectionError:
+                break
+        while not closed:
+            kind = (await talk.socket.receive(5.0)).type
+            closed = kind in (aiohttp.WSMsgType.CLOSE, aiohttp.WSMsgType.CLOSED)
+        async with opened(here) as other:
+            assert (await other.ask("command"))["ok"]
+
+
+@pytest.mark.slow
+@pytest.mark.realtime
+async def test_the_robot_stops_within_a_second_of_the_commander_and_by_hand_sooner() -> None:
+    async with served() as here:
+        async with opened(here) as talk:
+            await talk.until("disarmed")
+            await asyncio.sleep(2.5)
+            assert (await talk.ask("command"))["ok"]
+            await talk.insist("manual")
+            await talk.until("manual")
+            for _ in range(30):
+                await talk.say("drive", forward=0.5, left=0.0)
+                await asyncio.sleep(0.05)
+            assert doing(here) == (Mode.MANUAL, False)
+            await asyncio.sleep(0.25)  # F14: the hand lets go
+            assert doing(here) == (Mode.MANUAL, True)
+            await talk.socket.close()
+        await asyncio.sleep(0.3)
+        assert doing(here) == (Mode.DISARMED, True)
+
+
+@pytest.mark.slow
+@pytest.mark.realtime
+async def test_a_commander_who_falls_silent_stops_the_robot_within_a_second() -> None:
+    async with served() as here, opened(here) as talk:
+        await asyncio.sleep(3.0)
+        assert (await talk.ask("command"))["ok"]
+        await talk.newest_frame()
+        assert (await talk.ask("enrol", region=[74, 11, 41, 100], frame=talk.frame))["ok"]
+        assert (await talk.ask("confirm"))["ok"]
+        await talk.insist("arm")
+        await talk.until("following")
+        await asyncio.sleep(1.1)  # the socket stays open
+        assert doing(here) == (Mode.DISARMED, True)
+
+
+@pytest.mark.slow
+@pytest.mark.realtime
+async def test_another_tracker_is_chosen_only_while_disarmed() -> None:
+    async with served() as here, opened(here) as talk:
+        await asyncio.sleep(3.0)
+        assert (await talk.ask("command"))["ok"]
+        assert (await talk.ask("manual"))["ok"]
+        assert (await talk.ask("choose", tracker="ofkf"))["error"] == "disarm first"
+        assert (await talk.ask("disarm"))["ok"]
+        assert (await talk.ask("choose", tracker="ofkf"))["ok"]
+        assert here.chosen == ["ofkf"]
