@@ -24,6 +24,11 @@ COMMANDS = {  # name -> where it lives, imported only when called; one line for 
     "check": ("followerd.cli.check:check", "Validate a config file."),
     "schema": ("followerd.cli.check:schema", "Print the JSON Schema of the config."),
     "track": ("followerd.cli.track:track", "Run a tracker alone over a recording."),
+    "map": ("followerd.cli.map:map_", "Make the map of a floor from a log or a plan."),
+    "localize": (
+        "followerd.cli.localize:localize",
+        "Find the robot on a map, scan by scan, in a log.",
+    ),
     "bench": ("followerd.cli.bench:bench", "Measure trackers and the whole daemon."),
 }
 

@@ -14,7 +14,7 @@ from followerd.maps.floor import FloorMap, OccupancyGrid
 
 CELL = 0.05  # m
 MARGIN = 0.5  # m of unknown around the plan
-KEYS = ("walls_m", "boards_m", "free_m", "cell_m")
+PLAN_KEYS = {"walls_m", "boards_m", "free_m", "cell_m"}
 
 
 def read_plan(path: Path) -> FloorMap:
@@ -26,9 +26,9 @@ def read_plan(path: Path) -> FloorMap:
     """
     document = yaml.read(path)
     given = document.value if isinstance(document.value, dict) else {}
-    unknown = [f"{document.at((key,))}: unknown key {key}" for key in given if key not in KEYS]
+    unknown = [f"{document.at((key,))}: unknown key {key}" for key in given if key not in PLAN_KEYS]
     if unknown:
-        raise ConfigError(*unknown, f"{path}: a floor plan has {', '.join(KEYS)}")
+        raise ConfigError(*unknown, f"{path}: a floor plan has {', '.join(sorted(PLAN_KEYS))}")
     walls = segments_in(document, "walls_m", 4) if "walls_m" in given else np.empty((0, 4))
     boards = segments_in(document, "boards_m", 5) if "boards_m" in given else np.empty((0, 5))
     free = segments_in(document, "free_m", 2) if "free_m" in given else np.empty((0, 2))

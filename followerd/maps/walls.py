@@ -15,6 +15,10 @@ SHORTEST = 0.4  # m
 TURN = radians(6.0)  # between neighbours that are one wall
 BULGE = 0.6  # cells, deviation of what is one wall
 
+NEAR = 0.1  # m around a wall in which returns are its own
+CLOSE = 0.04  # m, the same once it is fitted
+FEWEST = 8  # returns that may move a wall
+
 Mask = npt.NDArray[np.bool_]
 
 
@@ -38,6 +42,32 @@ def walls_of(grid: OccupancyGrid) -> Array:
     lengths = np.hypot(*(ends[:, 1] - ends[:, 0]).T)
     long: Array = ends[lengths >= SHORTEST]
     return long
+
+
+def refined(walls: Array, origins: Array, ends: Array) -> Array:
+    """Walls (K, 2, 2) moved to the returns (N, 2) on them, seen from `origins` (N, 2); m.
+
+    Only returns seen from a wall's left side count: those of a thin board's two faces stay apart.
+    """
+    return np.array([_fit(wall, origins, ends) for wall in walls]).reshape(-1, 2, 2)
+
+
+def _fit(wall: Array, origins: Array, ends: Array) -> Array:
+    a, b = wall
+    length = float(np.hypot(*(b - a)))
+    along = (b - a) / length
+    left = np.array([-along[1], along[0]])
+    t, off = (ends - a) @ along, (ends - a) @ left
+    own = (np.abs(off) < NEAR) & (t > 0.0) & (t < length)
+    t, off, before = t[own], off[own], (origins[own] - a) @ left > 0.0
+    t, off = t[before], off[before]
+    slope, height = 0.0, float(np.median(off)) if off.size else 0.0
+    for _ in range(3):
+        close = np.abs(off - height - slope * t) < CLOSE
+        if close.sum() < FEWEST or np.ptp(t[close]) < 0.5 * length:
+            return wall
+        slope, height = np.polyfit(t[close], off[close], 1).tolist()
+    return np.array([a + height * left, b + (height + slope * length) * left])
 
 
 def _runs(contour: npt.NDArray[np.int32], occupied: Mask) -> list[Array]:
