@@ -30,6 +30,11 @@ COMMANDS = {  # name -> where it lives, imported only when called; one line for 
     "recover": ("followerd.cli.recordings:recover", "Make a whole file of a cut-off recording."),
     "export": ("followerd.cli.bags:export", "Write a recording as a ROS 2 bag."),
     "import": ("followerd.cli.bags:import_", "Read a ROS 1 or 2 bag into a recording."),
+    "map": ("followerd.cli.map:map_", "Make the map of a floor from a log or a plan."),
+    "localize": (
+        "followerd.cli.localize:localize",
+        "Find the robot on a map, scan by scan, in a log.",
+    ),
     "bench": ("followerd.cli.bench:bench", "Measure trackers and the whole daemon."),
 }
 

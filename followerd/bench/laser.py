@@ -20,11 +20,12 @@ KEYS = ("t", "ranges", "angle_min", "angle_inc")
 
 @dataclass(frozen=True, slots=True)
 class LaserStep:
-    """One scan of a recording, and `odom_from_base` then."""
+    """One scan of a recording, and where the robot was then."""
 
     index: int
     scan: Scan
-    ego: Pose2 | None
+    ego: Pose2 | None  # odom_from_base
+    corrected: Pose2 | None = None  # map_from_base, as a mapper found it afterwards
 
 
 class LaserRecording:

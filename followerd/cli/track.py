@@ -1,7 +1,6 @@
 """`followerd track`: a tracker alone over a recording."""
 
 import cProfile
-import json
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -38,6 +37,7 @@ from followerd.bench.track import (
 )
 from followerd.bench.trackers import build
 from followerd.bench.video import VideoWriter
+from followerd.cli.summary import print_result, write_result
 from followerd.config import Config
 from followerd.errors import UsageError
 from followerd.geometry import Pose2
@@ -112,9 +112,9 @@ def track(
                 raise UsageError(f"--laser is for trackers of scans, and {tracker} follows images")
             found = _in_images(chosen, source, init, start, settings, truth, out, render)
     result = {"source": str(source), "tracker": tracker, "seed": seed} | found
-    _print(result)
+    print_result(result)
     if summary:
-        _write(summary, result)
+        write_result(summary, result)
 
 
 def _in_images(
@@ -195,18 +195,3 @@ def _rows(steps: Iterable[Step], render: Path | None, rate: float) -> Iterator[T
         for step in steps:
             video.write(draw(step.image.pixels, step.track, f"#{step.image.id}"))
             yield step.row
-
-
-def _print(result: dict[str, object]) -> None:
-    for name, value in result.items():
-        parts = value if isinstance(value, dict) else {"": value}
-        for part, number in parts.items():
-            text = f"{number:.3f}" if isinstance(number, float) else str(number)
-            print(f"{name}{'.' if part else ''}{part}: {text}")
-
-
-def _write(path: Path, result: dict[str, object]) -> None:
-    try:
-        path.write_text(json.dumps(result, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise UsageError(f"--summary {path}: cannot be written: {error.strerror}") from error

@@ -2,4 +2,10 @@
 
 from followerd.registry import Registry
 
-LOCALIZERS = Registry("followerd.localizers", {})
+LOCALIZERS = Registry(
+    "followerd.localizers",
+    {
+        "scan_histogram": "followerd.localizers.scan_histogram:ScanHistogram",
+        "likelihood_field": "followerd.localizers.likelihood_field:LikelihoodField",
+    },
+)

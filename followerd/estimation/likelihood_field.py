@@ -1,0 +1,169 @@
+"""How near a scan's end points lie to the map's walls, whatever stands between.
+
+The search at large sums, heading by heading, shifted pictures of the field: a beam costs every
+place of the map one addition.
+"""
+
+from math import cos, pi, radians, sin
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from followerd.estimation.claims import unclaimed
+from followerd.estimation.pose_cloud import array_of
+from followerd.geometry import Array, Pose2
+from followerd.maps.distance_field import DistanceField
+from followerd.messages import Scan
+from followerd.settings import Settings
+
+NOWHERE = -27.6  # log of the weight of a pose where the robot cannot be
+FARTHEST = 2.0  # m from a wall, beyond which all is alike
+SEARCH_CELL = 0.2  # m
+SEARCH_SIGMA = 0.25  # m
+SEARCH_STEP = radians(3.0)
+SEARCH_BEAMS = 40
+SEARCH_RANGE = 12.0  # m; farther ends are moved too much by half a step
+BEST = 3000  # cells of place and heading that a search keeps
+TRIES = 4  # poses in a cell for each one kept
+
+Picture = TypeVar("Picture", npt.NDArray[np.float32], npt.NDArray[np.bool_])
+
+
+class FieldSettings(Settings):
+    """Of the likelihood field."""
+
+    beams: int = Field(100, ge=10, description="of a scan, evenly chosen of those with an echo")
+    sigma_m: float = Field(0.07, gt=0, description="deviation of an echo from the map's wall")
+    stray_share: float = Field(0.05, gt=0, lt=1, description="echoes from what is not on the map")
+    trust: float = Field(0.3, gt=0, le=1, description="exponent: neighbouring beams err alike")
+    max_range_m: float = Field(30.0, gt=0, description="farther echoes are not used")
+    near_m: float = Field(0.15, gt=0, description="from a wall, of an echo that the map explains")
+
+
+class FieldSensor:
+    """A Sensor: mixture of a Gaussian of the distance and of strays; see Mcl."""
+
+    def __init__(self, field: DistanceField, settings: FieldSettings) -> None:
+        self.field, self.settings = field, settings
+        s = settings
+        far = np.minimum(field.far, FARTHEST)
+        gauss = np.exp(-0.5 * (far / s.sigma_m) ** 2)
+        log = s.trust * np.log((1.0 - s.stray_share) * gauss + s.stray_share)
+        self._log = _bordered(log.astype(np.float32), float(log.min()))
+        self._far = _bordered(far.astype(np.float32), FARTHEST)
+        self._free = _bordered(field.free, False)
+        self._points: Array = np.empty((0, 2))
+        self._coarse = Coarse(field)
+
+    def see(self, scan: Scan, person: tuple[float, float] | None) -> int:
+        """See Sensor."""
+        points = unclaimed(scan, person)
+        with np.errstate(invalid="ignore"):
+            near = np.flatnonzero(scan.ranges <= self.settings.max_range_m)
+        near = near[np.isfinite(points[near, 0])]
+        if near.size > self.settings.beams:
+            near = near[np.linspace(0, near.size - 1, self.settings.beams).astype(np.intp)]
+        self._points = points[near]
+        return int(near.size)
+
+    def log_likelihood(self, poses: Array) -> Array:
+        """See Sensor."""
+        sums: Array = self._at(self._log, poses).sum(axis=0, dtype=np.float64)
+        inside = self._free.ravel()[self._flat(*poses[:2])]
+        return np.where(inside, sums, sums + NOWHERE)
+
+    def fit(self, pose: Pose2) -> float:
+        """See Sensor: the share of echoes near a wall."""
+        far = self._at(self._far, array_of(pose))
+        return float((far < self.settings.near_m).mean())
+
+    def search(self, count: int, rng: np.random.Generator) -> Array:
+        """See Sensor: of several poses in each of the best cells, by their likelihood."""
+        cells = self._coarse.best(self._points)
+        tries = self._coarse.within(cells[:, rng.integers(0, cells.shape[1], TRIES * count)], rng)
+        log = self.log_likelihood(tries)
+        best = log.argpartition(-count)[-count:]
+        return tries[:, best]
+
+    def anywhere(self, count: int, rng: np.random.Generator) -> Array:
+        """See Sensor."""
+        return self._coarse.anywhere(count, rng)
+
+    def _flat(self, x: Array, y: Array) -> npt.NDArray[np.intp]:
+        """Index in a bordered array's memory of places, m."""
+        f = self.field
+        height, width = self._log.shape
+        i = ((x - f.origin[0]) / f.cell + 1.0).astype(np.int32)
+        j = ((y - f.origin[1]) / f.cell + 1.0).astype(np.int32)
+        np.clip(i, 0, width - 1, out=i)
+        np.clip(j, 0, height - 1, out=j)
+        flat: npt.NDArray[np.intp] = j.astype(np.intp) * width + i
+        return flat
+
+    def _at(self, picture: Array, poses: Array) -> Array:
+        """What a picture holds (B, N) at every end point, seen from every pose."""
+        x, y, theta = poses
+        c, s = np.cos(theta), np.sin(theta)
+        px, py = self._points.T[..., None]
+        values: Array = picture.ravel().take(
+            self._flat(x + c * px - s * py, y + s * px + c * py), mode="clip"
+        )
+        return values
+
+
+class Coarse:
+    """The field in cells of SEARCH_CELL, for the search of the whole map."""
+
+    def __init__(self, field: DistanceField) -> None:
+        self.stride = max(round(SEARCH_CELL / field.cell), 1)
+        self.cell = self.stride * field.cell
+        self.origin = field.origin
+        self.headings = np.arange(round(2 * pi / SEARCH_STEP)) * SEARCH_STEP
+        middle = slice(self.stride // 2, None, self.stride)
+        far = field.far[middle, middle]
+        self._score = np.round(255.0 * np.exp(-0.5 * (far / SEARCH_SIGMA) ** 2)).astype(np.uint16)
+        self._j, self._i = np.nonzero(field.free[middle, middle])
+
+    def best(self, points: Array) -> npt.NDArray[np.intp]:
+        """The BEST cells (3, K) of x, y and heading for end points (N, 2)."""
+        points = points[np.hypot(points[:, 0], points[:, 1]) < SEARCH_RANGE]
+        if len(points) > SEARCH_BEAMS:
+            points = points[np.linspace(0, len(points) - 1, SEARCH_BEAMS).astype(np.intp)]
+        scores = np.stack([self._scores(points, theta) for theta in self.headings.tolist()])
+        keep = min(BEST, scores.size)
+        best = scores.ravel().argpartition(-keep)[-keep:]
+        heading, place = np.unravel_index(best, scores.shape)
+        return np.stack([self._i[place], self._j[place], heading])
+
+    def _scores(self, points: Array, theta: float) -> Array:
+        """Sums (K,) over the points for all free cells at one heading."""
+        c, s = cos(theta), sin(theta)
+        steps = np.rint(points @ np.array([[c, s], [-s, c]]) / self.cell).astype(np.intp)
+        total = np.zeros(self._score.shape, np.uint16)
+        height, width = total.shape
+        for i, j in steps.tolist():
+            x0, x1 = max(-i, 0), min(width - i, width)
+            y0, y1 = max(-j, 0), min(height - j, height)
+            if x0 < x1 and y0 < y1:
+                here = total[y0:y1, x0:x1]
+                np.add(here, self._score[y0 + j : y1 + j, x0 + i : x1 + i], out=here)
+        return total[self._j, self._i]
+
+    def within(self, cells: npt.NDArray[np.intp], rng: np.random.Generator) -> Array:
+        """Poses (3, N) somewhere in cells (3, N)."""
+        off = rng.uniform(0.0, 1.0, cells.shape)
+        x, y = (cells[:2] + off[:2]) * self.cell + np.array([self.origin]).T
+        return np.stack([x, y, (cells[2] + off[2] - 0.5) * SEARCH_STEP])
+
+    def anywhere(self, count: int, rng: np.random.Generator) -> Array:
+        """Poses (3, count) on the free floor."""
+        place = rng.integers(0, self._i.size, count)
+        heading = rng.integers(0, self.headings.size, count)
+        return self.within(np.stack([self._i[place], self._j[place], heading]), rng)
+
+
+def _bordered(picture: Picture, value: float) -> Picture:
+    """One cell more on every side."""
+    return np.pad(picture, 1, constant_values=value)
