@@ -13,7 +13,7 @@ import structlog
 from followerd import clock
 from followerd.control.mode import Action
 from followerd.errors import UsageError
-from followerd.geometry import Camera
+from followerd.geometry import Camera, wrap_angle
 from followerd.messages import Box, Measurement, Scan
 from followerd.perception.clusters import ClusterSettings, find_clusters
 from followerd.runtime.daemon import Daemon
@@ -71,9 +71,10 @@ class AutoOperator:
 def person_ahead(scan: Scan, camera: Camera) -> tuple[float, float] | None:
     """Where (x, y in `base`, m) the nearest standing person in the camera's view has its axis."""
     found = find_clusters(scan, scan.points(), ClusterSettings())
-    left, right = camera.bearing(0.0), camera.bearing(camera.width - 1.0)
+    half_view = abs(wrap_angle(camera.bearing(0.0) - camera.yaw))
+    aside = np.abs(np.angle(np.exp(1j * (found.bearing - camera.yaw))))
     fits = found.leg_like & (found.range > NEAREST) & (found.range < FARTHEST)
-    fits &= (found.bearing < left) & (found.bearing > right)
+    fits &= aside < half_view
     candidates = np.flatnonzero(fits)
     if not candidates.size:
         return None
