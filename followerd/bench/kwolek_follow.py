@@ -31,7 +31,7 @@ WORLDS = {
     "E3": ("head-sim", "hall-face-to-face"),
     "E3-leading": ("head-leading-sim", "hall-leading"),
 }
-SPEEDS = (0.1, 0.25, 0.4, 0.5, 0.6, 0.7)  # m/s, of the person
+SPEEDS = {"E3": (0.1, 0.25, 0.4, 0.5, 0.6, 0.7), "E3-leading": (0.1, 0.25)}  # m/s, of the person
 FIRST_SEED = 4000
 MOST_SEEDS = 4  # each seed is a run at every speed
 DURATION, QUICK_DURATION = 35.0, 12.0  # s
@@ -64,7 +64,7 @@ def suite(executor: Executor, seeds: int, quick: bool) -> Report:
         Job(scenario, tracker, speed, seed, duration)
         for scenario in WORLDS
         for tracker in (("head/default",) if scenario != "E3" else ("head/paper", "head/default"))
-        for speed in (SPEEDS[1:2] if quick else SPEEDS)
+        for speed in (SPEEDS[scenario][1:2] if quick else SPEEDS[scenario])
         for seed in numbers
     ]
     runs = list(zip(jobs, sweep(executor, run, jobs, "kwolek E3"), strict=True))

@@ -12,7 +12,7 @@ class HeadSettings(Settings):
 
     profile: Literal["default", "paper"] = "default"
     particles: int | None = Field(
-        None, ge=10, le=100_000, description="null is 200, and 800 in profile paper"
+        None, ge=10, le=100_000, description="null is 400, and 800 in profile paper"
     )
     depth: bool = Field(True, description="size from the depth image, if the camera gives one")
     cues: Literal["both", "colour", "gradient"] = Field(
@@ -28,4 +28,4 @@ class HeadSettings(Settings):
     @property
     def count(self) -> int:
         """How many particles there are."""
-        return self.particles or (800 if self.profile == "paper" else 200)
+        return self.particles or (800 if self.profile == "paper" else 400)
