@@ -250,5 +250,6 @@ def _parts(daemon: Daemon, config: Config) -> list[Coroutine[Any, Any, None]]:
     if config.operator == "manual":
         return [daemon.run()]
     region = None if config.enrol_px is None else Box(*config.enrol_px)
-    operator = AutoOperator(daemon, region, arm=config.operator == "auto")
+    arm, heads = config.operator == "auto", config.tracker.kind == "head"
+    operator = AutoOperator(daemon, region, arm=arm, heads=heads)
     return [operator.run(), daemon.run()]

@@ -545,6 +545,65 @@ def test_not_backward_where_the_sonar_has_not_just_looked(
     assert kinds(command) == {reason}
 
 
+# --- a laser that looks back, a camera that looks back
+
+BACKWARD = Pose2(0.0, 0.0, pi)
+FRONT = tuple(Sonar(k, Pose2(0.2, 0.0, radians(15 * k - 52)), 3.0) for k in range(8))
+
+
+def turned_round(ranges: Array, target: tuple[float, float] = (-3.0, 0.0)) -> Bench:
+    """The bench with its laser mounted backward."""
+    b = bench().sees(ranges)
+    assert b.situation.view is not None
+    scan = replace(b.situation.view.scan, base_from_laser=BACKWARD)
+    points = scan.points()
+    view = View(scan, points, find_clusters(scan, points, ClusterSettings()), Pose2())
+    b.situation = replace(b.situation, view=view, target=target)
+    return b
+
+
+def mirrored(command: Command) -> Twist:
+    return Twist(-twist(command).v, twist(command).omega)
+
+
+@pytest.mark.parametrize("v", [0.2, 0.5, 2.0])
+@pytest.mark.parametrize("ranges", [seen(), seen((0, 20, 0.9)), seen((0, 20, 1.4)), post(1.2, 0.1)])
+def test_where_the_laser_looks_back_the_rules_of_going_ahead_hold_behind(
+    ranges: Array, v: float
+) -> None:
+    even = {"front_m": 0.25, "rear_m": 0.25}
+    ahead = bench(**even).sees(ranges)
+    back = turned_round(ranges)
+    back.guard.settings = ahead.guard.settings
+    back.guard._way = ahead.guard._way
+    one, other = ahead.check(Twist(v, 0.0)), back.check(Twist(-v, 0.0))
+    assert mirrored(other) == twist(one)
+    assert kinds(other) == kinds(one)
+
+
+def test_where_the_laser_looks_back_ahead_is_for_the_sonar() -> None:
+    b = turned_round(seen())
+    command = b.check(Twist(0.4, 0.0))
+    assert command.stops
+    assert kinds(command) == {StopReason.REAR_UNSEEN}
+    b.guard.sense(Odometry(NOW - 0.1, NOW - 0.1, Pose2(), Twist(), sonar=FRONT))
+    assert twist(b.check(Twist(0.4, 0.0))).v == 0.15
+
+
+def test_where_the_laser_looks_back_nobody_is_approached_there_either() -> None:
+    assert turned_round(seen(), target=(-0.9, 0.1)).check(Twist(-0.4, 0.0)).stops
+    slowed = turned_round(seen((35, 3, 1.1))).check(Twist(-0.7, 0.0))
+    assert twist(slowed).v == -0.3
+
+
+def test_a_robot_that_leads_may_leave_a_near_person_behind() -> None:
+    b = bench()
+    b.situation = replace(b.situation, target=(-0.8, 0.1))
+    assert b.check(Twist(0.6, 0.0)).motion == Twist(0.6, 0.0)
+    b.situation = replace(b.situation, target=(-0.2, 0.8))  # beside is not behind
+    assert b.check(Twist(0.6, 0.0)).stops
+
+
 # --- other wishes
 
 

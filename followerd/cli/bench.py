@@ -7,17 +7,18 @@ from cyclopts import Parameter
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from followerd.bench import follow, motai, page, speed, tseng, zhuang
+from followerd.bench import follow, kwolek, motai, page, speed, tseng, zhuang
 from followerd.bench.report import write_html
 from followerd.bench.rows import Row, table, write_json
 from followerd.bench.sweep import executor
 from followerd.errors import UsageError
 
-Suite = Literal["zhuang", "tseng", "motai", "follow", "speed", "page"]
+Suite = Literal["zhuang", "tseng", "motai", "kwolek", "follow", "speed", "page"]
 SUITES = {
     "zhuang": zhuang.suite,
     "tseng": tseng.suite,
     "motai": motai.suite,
+    "kwolek": kwolek.suite,
     "follow": follow.suite,
     "speed": speed.suite,
     "page": page.suite,
@@ -35,8 +36,9 @@ def bench(
     html: Path | None = None,
 ) -> None:
     """Run benchmark suites: zhuang (the tracker on rendered images), tseng (a person hidden by
-    boards, in scans), motai (predictors of a turning target), follow (the whole daemon in closed
-    loop), speed (time per frame), page (what the operator's page and recording cost).
+    boards, in scans), motai (predictors of a turning target), kwolek (a head on drawn images and in
+    closed loop), follow (the whole daemon in closed loop), speed (time per frame), page (what the
+    operator's page and recording cost).
 
     Parameters
     ----------

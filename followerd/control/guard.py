@@ -1,14 +1,14 @@
 """The last word before the wheels: what may be sent, and why it differs from the wish."""
 
 from dataclasses import dataclass, field, replace
-from math import hypot, inf, radians
+from math import copysign, hypot, inf, radians
 
 from followerd.control.clearance import stopping_speed
 from followerd.control.freshness import Freshness
 from followerd.control.interfaces import View
 from followerd.control.limits import GuardSettings
 from followerd.control.mode import Permission
-from followerd.control.obstacles import Echoes, Obstacles, returns, together
+from followerd.control.obstacles import Echoes, Obstacles, returns, sees_way, together
 from followerd.control.plausible import (
     from_the_future,
     is_finite_wish,
@@ -31,6 +31,7 @@ from followerd.messages import (
 TRIES = 4  # arcs looked at before the robot only turns
 INSTANT = 0.001  # s, taken to pass between two checks: what stands keeps trying the way
 CRAWL = 0.01  # m/s or rad/s: less is not worth moving for
+BEHIND = 0.5  # cosine: a target this far off the way is led, not approached
 FROM_MODES = Reason(StopReason.LIMIT, "modes")
 
 
@@ -78,7 +79,7 @@ class Guard:
         base, view = situation.base, situation.view
         if wish is not None and base is not None and view is not None and not reasons:
             wanted = self._twist(wish)
-            capped = self._capped(wanted, situation, reasons, now)
+            capped = self._capped(wanted, situation, view, base, reasons, now)
             obstacles = self._obstacles(view, situation.claimed, base, capped.v, now)
             ramped = self._ramped(capped, now)
             allowed = self._clear(ramped, capped, obstacles, reasons)
@@ -136,17 +137,23 @@ class Guard:
         return Twist(wish.v, min(max(wish.angle / self.settings.valid_s, -fastest), fastest))
 
     def _capped(
-        self, wanted: Twist, situation: Situation, reasons: list[Reason], now: float
+        self,
+        wanted: Twist,
+        situation: Situation,
+        view: View,
+        base: Pose2,
+        reasons: list[Reason],
+        now: float,
     ) -> Twist:
         """Within all caps that need no look at the way."""
         s, v = self.settings, wanted.v
-        if v > 0:
+        if v != 0.0 and sees_way(view.scan, v):
             v = _slower(v, s.speed_cap, reasons, StopReason.LIMIT, "guard", "speed")
             if situation.permission.drive is None:  # a hand need not know how far anybody is
-                v = self._near_target(v, situation, reasons)
-            v = self._near_others(v, situation, reasons)
-        if v < 0:
-            v = self._backward(v, reasons, now)
+                v = self._near_target(v, situation.target, base, reasons)
+            v = self._near_others(v, situation.claimed, view, reasons)
+        elif v != 0.0:
+            v = self._unseen(v, reasons, now)
         allowed = situation.permission.max_speed
         for why in situation.permission.reasons or (FROM_MODES,):
             v = _slower(v, allowed, reasons, why.stop, why.device, why.detail)
@@ -165,48 +172,56 @@ class Guard:
             _grown(start.omega, twist.omega, radians(s.turn_accel_degps2) * dt),
         )
 
-    def _near_target(self, v: float, situation: Situation, reasons: list[Reason]) -> float:
-        """No forward speed toward a person who is near, or at an unknown distance."""
-        s, base, target = self.settings, situation.base, situation.target
-        if base is None or target is None:
+    def _near_target(
+        self, v: float, target: tuple[float, float] | None, base: Pose2, reasons: list[Reason]
+    ) -> float:
+        """No speed toward a person who is near, or at an unknown distance."""
+        s = self.settings
+        if target is None:
             return _slower(v, 0.0, reasons, StopReason.RANGE_UNKNOWN, "tracker")
-        distance = hypot(target[0] - base.x, target[1] - base.y)
+        x, y = (~base).apply_point(*target)
+        distance = hypot(x, y)
+        if copysign(x, x * v) < -BEHIND * distance:
+            return v  # the robot leads
         limit, why = (distance - s.min_target_m) / s.approach_s, f"followed, at {distance:.2f} m"
         return _slower(v, limit, reasons, StopReason.PERSON_TOO_CLOSE, "tracker", why)
 
-    def _near_others(self, v: float, situation: Situation, reasons: list[Reason]) -> float:
+    def _near_others(
+        self, v: float, claimed: tuple[slice, ...], view: View, reasons: list[Reason]
+    ) -> float:
         """Slowly past whoever else stands near the way."""
-        s = self.settings
-        if situation.view is None or v <= s.person_speed_mps:
+        s, seen = self.settings, view.clusters
+        if abs(v) <= s.person_speed_mps:
             return v
-        seen = situation.view.clusters
         others = seen.leg_like & (seen.nearest < s.person_within_m)
         if not others.any():
             return v
-        others &= (seen.centre[:, 0] > 0) & (abs(seen.centre[:, 1]) < s.person_aside_m)
-        for beams in situation.claimed:
+        others &= (v * seen.centre[:, 0] > 0) & (abs(seen.centre[:, 1]) < s.person_aside_m)
+        for beams in claimed:
             others &= (seen.last < beams.start) | (seen.first >= beams.stop)
         if not others.any():
             return v
         why = f"someone else at {seen.nearest[others].min():.2f} m"
         return _slower(v, s.person_speed_mps, reasons, StopReason.PERSON_TOO_CLOSE, "laser", why)
 
-    def _backward(self, v: float, reasons: list[Reason], now: float) -> float:
-        """Backward only where the sonar has just looked."""
-        s, behind = self.settings, self._echoes.behind(now)
-        if len(behind) < s.rear_discs:
+    def _unseen(self, v: float, reasons: list[Reason], now: float) -> float:
+        """Where the laser does not look, only as far as the sonar has just heard."""
+        s, heard = self.settings, self._echoes.along(v, now)
+        if len(heard) < s.rear_discs:
             return _slower(v, 0.0, reasons, StopReason.REAR_UNSEEN, "sonar")
-        limit = stopping_speed(min(behind) - s.rear_margin_m, s.reaction_s, s.deceleration_mps2)
-        why = f"{min(behind):.2f} m behind"
+        limit = stopping_speed(min(heard) - s.rear_margin_m, s.reaction_s, s.deceleration_mps2)
+        why = f"{min(heard):.2f} m {'behind' if v < 0 else 'ahead'}"
         v = _slower(v, limit, reasons, StopReason.OBSTACLE, "sonar", why)
-        return _slower(v, s.max_reverse_mps, reasons, StopReason.LIMIT, "guard", "backward speed")
+        why = f"{'backward' if v < 0 else 'unseen'} speed"
+        return _slower(v, s.max_reverse_mps, reasons, StopReason.LIMIT, "guard", why)
 
     def _obstacles(
         self, view: View, claimed: tuple[slice, ...], base: Pose2, v: float, now: float
     ) -> Obstacles:
         """Everything near enough to matter at speed `v`, seen from the robot now."""
         s = self.settings
-        margins = (s.margin_m, s.target_margin_m) if v >= 0 else (s.rear_margin_m,) * 2
+        is_seen = sees_way(view.scan, v)
+        margins = (s.margin_m, s.target_margin_m) if is_seen else (s.rear_margin_m,) * 2
         seen = returns(view.points, ~base @ view.base, claimed, margins, self._way.reach(v))
         return together(seen, self._echoes.obstacles(base, s.sonar_margin_m, now))
 

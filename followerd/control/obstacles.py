@@ -1,12 +1,15 @@
 """What the robot must not touch: laser returns and sonar echoes, in `base` now."""
 
 from dataclasses import dataclass
-from math import cos
+from math import cos, pi, radians
 
 import numpy as np
 
-from followerd.geometry import Array, Pose2
-from followerd.messages import Odometry
+from followerd.geometry import Array, Pose2, wrap_angle
+from followerd.messages import Odometry, Scan
+
+LOOKS = 0.4  # cosine, from which a disc looks along the way
+SEEN_ASIDE = radians(40.0)  # on either side of the way, that a laser must see to see the way
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,7 +28,7 @@ class Echo:
     """A sonar reading, kept where it was heard in `odom`."""
 
     stamp: float  # s
-    rear: bool  # the disc looks backward
+    ahead: float  # cosine of the disc's direction: 1 looks forward, -1 backward
     x: float  # m
     y: float  # m
     range: float  # m
@@ -44,12 +47,14 @@ class Echoes:
         """Take the readings of a base report."""
         for reading in odometry.sonar:
             x, y = (odometry.pose @ reading.pose).apply_point(reading.range, 0.0)
-            rear = cos(reading.pose.theta) < -0.4
-            self._by_disc[reading.disc] = Echo(odometry.stamp, rear, x, y, reading.range)
+            ahead = cos(reading.pose.theta)
+            self._by_disc[reading.disc] = Echo(odometry.stamp, ahead, x, y, reading.range)
 
-    def behind(self, now: float) -> list[float]:
-        """Ranges of the fresh discs that look backward, m."""
-        return [e.range for e in self._by_disc.values() if e.rear and self._is_fresh(e, now)]
+    def along(self, v: float, now: float) -> list[float]:
+        """Ranges of the fresh discs that look where the robot goes at speed `v`, m."""
+        way = 1.0 if v > 0.0 else -1.0
+        looking = [e for e in self._by_disc.values() if way * e.ahead > LOOKS]
+        return [echo.range for echo in looking if self._is_fresh(echo, now)]
 
     def obstacles(self, base: Pose2, margin: float, now: float) -> Obstacles:
         """Fresh echoes within reach, each owed `margin` m; the robot is at `odom_from_base`."""
@@ -62,6 +67,14 @@ class Echoes:
 
     def _is_fresh(self, echo: Echo, now: float) -> bool:
         return 0.0 <= now - echo.stamp <= self.max_age
+
+
+def sees_way(scan: Scan, v: float) -> bool:
+    """Whether the laser looks where the robot goes at speed `v`, wherever it is mounted."""
+    field = (scan.ranges.size - 1) * scan.angle_increment
+    middle = scan.base_from_laser.theta + scan.angle_min + 0.5 * field
+    way = 0.0 if v >= 0.0 else pi
+    return abs(wrap_angle(way - middle)) + SEEN_ASIDE <= 0.5 * field
 
 
 def returns(

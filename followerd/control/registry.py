@@ -4,5 +4,8 @@ from followerd.registry import Registry
 
 CONTROLLERS = Registry(
     "followerd.controllers",
-    {"image_centering": "followerd.control.image_centering:ImageCentering"},
+    {
+        "distance_pd": "followerd.control.distance_pd:DistancePd",
+        "image_centering": "followerd.control.image_centering:ImageCentering",
+    },
 )

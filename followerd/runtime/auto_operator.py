@@ -13,9 +13,10 @@ import structlog
 from followerd import clock
 from followerd.control.mode import Action
 from followerd.errors import UsageError
-from followerd.geometry import Camera
-from followerd.messages import Box, Measurement, Scan
+from followerd.geometry import Camera, wrap_angle
+from followerd.messages import Box, Image, Measurement, Scan
 from followerd.perception.clusters import ClusterSettings, find_clusters
+from followerd.perception.head_outline import head_box, nearest_head
 from followerd.runtime.daemon import Daemon
 
 RETRY = 0.5  # s
@@ -30,11 +31,17 @@ log = structlog.get_logger()
 class AutoOperator:
     """Presses the buttons a person would press, as soon as the daemon allows."""
 
-    def __init__(self, daemon: Daemon, region: Box | None = None, *, arm: bool = True) -> None:
-        """`region` (px) is enrolled instead of whoever stands in front; without `arm` it stands."""
+    def __init__(
+        self, daemon: Daemon, region: Box | None = None, *, arm: bool = True, heads: bool = False
+    ) -> None:
+        """`region` (px) is enrolled instead of whoever stands in front; without `arm` it stands.
+
+        `heads`: the tracker wants the head, not the body.
+        """
         self._daemon = daemon
         self._region = region
         self._arm = arm
+        self._heads = heads
         self._scan: Scan | None = None
         daemon.measurement_watchers.append(self._look)
 
@@ -53,13 +60,10 @@ class AutoOperator:
         image = self._daemon.vision.newest
         if image is None or self._scan is None:
             return False
-        region = self._region
+        region = self._region or self._found(image, self._scan)
         if region is None:
-            legs = person_ahead(self._scan, image.camera)
-            if legs is None:
-                log.info("nobody in front of the robot to enrol")
-                return False
-            region = outline(image.camera, *legs)
+            log.info("nobody in front of the robot to enrol")
+            return False
         try:
             await self._daemon.enrol(region, image.id)
         except UsageError as error:
@@ -67,13 +71,21 @@ class AutoOperator:
             return False
         return True
 
+    def _found(self, image: Image, scan: Scan) -> Box | None:
+        """Who stands in front of the camera."""
+        legs = person_ahead(scan, image.camera)
+        if not self._heads:
+            return None if legs is None else outline(image.camera, *legs)
+        return nearest_head(image) if legs is None else head_box(image, *legs)
+
 
 def person_ahead(scan: Scan, camera: Camera) -> tuple[float, float] | None:
     """Where (x, y in `base`, m) the nearest standing person in the camera's view has its axis."""
     found = find_clusters(scan, scan.points(), ClusterSettings())
-    left, right = camera.bearing(0.0), camera.bearing(camera.width - 1.0)
+    half_view = abs(wrap_angle(camera.bearing(0.0) - camera.yaw))
+    aside = np.abs(np.angle(np.exp(1j * (found.bearing - camera.yaw))))
     fits = found.leg_like & (found.range > NEAREST) & (found.range < FARTHEST)
-    fits &= (found.bearing < left) & (found.bearing > right)
+    fits &= aside < half_view
     candidates = np.flatnonzero(fits)
     if not candidates.size:
         return None

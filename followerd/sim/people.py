@@ -4,7 +4,7 @@ A walker knows nothing of the robot. Its way is worked out tick by tick, only as
 """
 
 from collections.abc import Generator, Iterator
-from math import asin, atan2, ceil, cos, exp, hypot, pi, radians, sin, sqrt, tau
+from math import asin, atan2, ceil, copysign, cos, exp, hypot, pi, radians, sin, sqrt, tau
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +27,7 @@ class Motion(NamedTuple):
     x: float  # m
     y: float  # m
     heading: float  # rad
-    speed: float  # m/s
+    speed: float  # m/s; negative where the walker goes backward
     phase: float  # rad of the gait, grows for ever; pi a step
 
     @property
@@ -68,8 +68,16 @@ class Pedestrian(Walker):
     def __init__(self, person: Person, outfit: Outfit, rng: np.random.Generator) -> None:
         super().__init__(person, rng)
         self.outfit = outfit
+        self._backward = person.backward
         self.height = draw(person.height_m, rng)
         self.crosses = None if person.crosses_m is None else draw(person.crosses_m, rng)
+
+    def at(self, time: float) -> Motion:
+        """The motion at scenario time `time` >= 0, s."""
+        motion = super().at(time)
+        if not self._backward:
+            return motion
+        return motion._replace(heading=wrap_angle(motion.heading + pi), speed=-motion.speed)
 
     def cross(self, target: Walker, duration: float) -> None:
         """Set out so as to cross the target's path `crosses` m behind the target."""
@@ -95,14 +103,15 @@ def swing(motion: Motion, side: int) -> float:
 
     Nearly a triangle wave, as steep as the body is fast: the standing foot stays on its place.
     """
-    reach = 0.5 * step_length(motion.speed) * min(1.0, motion.speed / 0.15)
+    speed = abs(motion.speed)
+    reach = copysign(0.5 * step_length(speed), motion.speed) * min(1.0, speed / 0.15)
     return side * reach * asin(0.97 * sin(motion.phase)) / 0.97 * 2.0 / pi
 
 
 def lift(motion: Motion, side: int) -> float:
     """How far the foot is off the floor while it swings forward, m."""
     forward = side * cos(motion.phase)
-    return 0.09 * max(0.0, forward) * min(1.0, motion.speed / 0.6)
+    return 0.09 * max(0.0, forward) * min(1.0, abs(motion.speed) / 0.6)
 
 
 def legs(motion: Motion, height: float, above: float) -> list[tuple[float, float]]:

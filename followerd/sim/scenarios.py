@@ -131,6 +131,7 @@ class Person(Mover):
     crosses_m: Span | None = Field(
         None, description="sets out so as to cross the target's path that far behind the target"
     )
+    backward: bool = Field(False, description="walks backward, facing where the path comes from")
     like_target: bool = Field(False, description="clothes in the target's colours, slightly off")
 
     @model_validator(mode="after")

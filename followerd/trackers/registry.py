@@ -5,6 +5,7 @@ from followerd.registry import Registry
 TRACKERS = Registry(
     "followerd.trackers",
     {
+        "head": "followerd.trackers.head:HeadTracker",
         "hpf": "followerd.trackers.hpf:Hpf",
         "legs": "followerd.trackers.legs:Legs",
         "ofkf": "followerd.trackers.ofkf:Ofkf",
