@@ -61,6 +61,10 @@ async def together(*parts: Coroutine[Any, Any, object]) -> None:
             for part in parts:
                 tasks.create_task(part)
     except BaseExceptionGroup as group:
+        task = asyncio.current_task()
+        if task is not None and task.cancelling():
+            # a part that fails while it is cancelled must not keep the rest alive
+            raise asyncio.CancelledError from None
         raise group.exceptions[0] from None
 
 

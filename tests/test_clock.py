@@ -2,6 +2,7 @@
 
 import asyncio
 import time
+from collections.abc import Callable, Coroutine
 
 import pytest
 
@@ -77,3 +78,37 @@ def test_real_and_virtual_loops_are_told_apart() -> None:
 
     assert clock.run_virtual(main())
     assert not clock.run(main())
+
+
+def test_a_part_that_fails_while_it_is_cancelled_does_not_outlive_the_end() -> None:
+    """As a device whose line goes dead in the moment in which the daemon ends."""
+    turns: list[int] = []
+
+    async def device() -> None:
+        try:
+            await clock.forever()
+        finally:
+            raise ConnectionError("the line went dead")
+
+    async def supervised() -> None:
+        while True:
+            turns.append(1)
+            try:
+                await clock.together(device())
+            except ConnectionError:
+                await clock.sleep(0.5)
+
+    assert clock.run_virtual(clock.within(5.0, clock.together(supervised()))) is None
+    assert turns == [1]
+    assert clock.run_virtual(ended_at_once(supervised)) < 0.1
+
+
+async def ended_at_once(part: Callable[[], Coroutine[object, object, None]]) -> float:
+    """How long a part goes on once it is cancelled, s."""
+    running = asyncio.ensure_future(clock.together(part()))
+    await clock.sleep(1.0)
+    began = clock.now()
+    running.cancel()
+    done, _ = await asyncio.wait([running], timeout=5.0)
+    assert done
+    return clock.now() - began
