@@ -91,6 +91,8 @@ class ModeSettings(Settings):
     occluded_s: float = Field(5.0, ge=0, le=5.0, description="following a prediction")
     occluded_sigma_m: float = Field(0.5, gt=0, le=0.5, description="of a prediction followed")
     occluded_speed_mps: float = Field(0.4, ge=0, le=0.4, description="following a prediction")
+    by_legs_s: float = Field(2.0, ge=0, le=2.0, description="following what the laser alone sees")
+    by_legs_speed_mps: float = Field(0.3, ge=0, le=0.3, description="the same")
     limp_speed_mps: float = Field(0.3, gt=0, le=0.3, description="while the battery is weak")
 
 
@@ -119,6 +121,7 @@ class Modes:
         self._faults: dict[str, Fault] = {}
         self._odometry: Odometry | None = None
         self._phase = TrackPhase.LOST
+        self._by_legs = False
         self._good = 0  # good frames in a row
         self._doubt_since = inf  # s, first frame that was not good
         self._side = 1.0  # +1: last seen on the left
@@ -146,10 +149,11 @@ class Modes:
     def track(self, track: TrackState | None, sigma: float, now: float) -> None:
         """Take the newest track; `sigma` of its position in m, inf when unknown."""
         self._phase = TrackPhase.LOST if track is None else track.phase
+        self._by_legs = track is not None and track.by_legs
         if track is not None and self._phase is not TrackPhase.LOST and track.bearing is not None:
             self._side = copysign(1.0, track.bearing)
         sure = track is not None and track.confidence >= self.settings.min_confidence
-        if sure and self._phase is TrackPhase.CONFIRMED:
+        if sure and self._phase is TrackPhase.CONFIRMED and not self._by_legs:
             self._good += 1
             self._doubt_since = inf
             return
@@ -220,8 +224,9 @@ class Modes:
             self._go(Signal.GIVE_UP, now)
 
     def _patience(self) -> float:
-        occluded = self._phase is TrackPhase.OCCLUDED
-        return self.settings.occluded_s if occluded else self.settings.unsure_grace_s
+        if self._phase is TrackPhase.OCCLUDED:
+            return self.settings.occluded_s
+        return self.settings.by_legs_s if self._by_legs else self.settings.unsure_grace_s
 
     def _following(self, now: float) -> Permission:
         s = self.settings
@@ -231,6 +236,9 @@ class Modes:
             left = max(0.0, 1.0 - (now - self._doubt_since) / s.coast_s) if s.coast_s else 0.0
             coasting = Reason(StopReason.TARGET_LOST, "tracker", "coasting", full_stop=False)
             return Permission(True, s.occluded_speed_mps * left, 0.0, (coasting,))
+        if self._by_legs:
+            legs = Reason(StopReason.TARGET_UNSURE, "tracker", "by the legs alone", full_stop=False)
+            return Permission(True, s.by_legs_speed_mps, 0.0, (legs,))
         doubtful = Reason(StopReason.TARGET_UNSURE, "tracker", self._phase.value, full_stop=False)
         return Permission(True, s.occluded_speed_mps, 0.0, (doubtful,))
 

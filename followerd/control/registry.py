@@ -4,5 +4,9 @@ from followerd.registry import Registry
 
 CONTROLLERS = Registry(
     "followerd.controllers",
-    {"image_centering": "followerd.control.image_centering:ImageCentering"},
+    {
+        "heading_overwrite": "followerd.control.heading_overwrite:HeadingOverwrite",
+        "image_centering": "followerd.control.image_centering:ImageCentering",
+        "stream_field": "followerd.control.stream_follow:StreamFollow",
+    },
 )

@@ -2,4 +2,9 @@
 
 from followerd.registry import Registry
 
-LOCALIZERS = Registry("followerd.localizers", {})
+LOCALIZERS = Registry(
+    "followerd.localizers",
+    {
+        "line_ekf": "followerd.localizers.line_ekf:LineLocalizer",
+    },
+)

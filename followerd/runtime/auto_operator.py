@@ -1,8 +1,8 @@
 """`operator: auto`: enrols whoever stands in front of the robot, confirms and arms, once.
 
 For demonstrations and benchmarks. It knows no more than the robot does: the person is the nearest
-pair of legs in the laser inside the camera's view, and the region is a body's outline projected
-into the image.
+pair of legs in the laser inside the camera's view. A tracker of images gets a body's outline
+projected into the image, one of scans the place.
 """
 
 from math import hypot
@@ -15,13 +15,11 @@ from followerd.control.mode import Action
 from followerd.errors import UsageError
 from followerd.geometry import Camera
 from followerd.messages import Box, Measurement, Scan
-from followerd.perception.clusters import ClusterSettings, find_clusters
 from followerd.runtime.daemon import Daemon
+from followerd.runtime.scanning import person_between
 
 RETRY = 0.5  # s
 NEAREST, FARTHEST = 0.8, 4.0  # m
-STRIDE = 0.6  # m, farthest apart two legs of one standing person are
-LEG_RADIUS = 0.06  # m, from a leg's visible side to its middle
 HALF_WIDTH, TOP = 0.20, 1.0  # m, of the outline: legs and hips, what the camera keeps in view
 
 log = structlog.get_logger()
@@ -53,15 +51,19 @@ class AutoOperator:
         image = self._daemon.vision.newest
         if image is None or self._scan is None:
             return False
-        region = self._region
+        region: Box | tuple[float, float] | None = self._region
+        frame_id: int | None = image.id
         if region is None:
-            legs = person_ahead(self._scan, image.camera)
-            if legs is None:
+            region = person_ahead(self._scan, image.camera)
+            if region is None:
                 log.info("nobody in front of the robot to enrol")
                 return False
-            region = outline(image.camera, *legs)
+            if self._daemon.scanning is None:
+                region = outline(image.camera, *region)
+            else:
+                frame_id = None
         try:
-            await self._daemon.enrol(region, image.id)
+            await self._daemon.enrol(region, frame_id)
         except UsageError as error:
             log.info("cannot enrol", error=str(error))
             return False
@@ -70,18 +72,8 @@ class AutoOperator:
 
 def person_ahead(scan: Scan, camera: Camera) -> tuple[float, float] | None:
     """Where (x, y in `base`, m) the nearest standing person in the camera's view has its axis."""
-    found = find_clusters(scan, scan.points(), ClusterSettings())
     left, right = camera.bearing(0.0), camera.bearing(camera.width - 1.0)
-    fits = found.leg_like & (found.range > NEAREST) & (found.range < FARTHEST)
-    fits &= (found.bearing < left) & (found.bearing > right)
-    candidates = np.flatnonzero(fits)
-    if not candidates.size:
-        return None
-    nearest = candidates[np.argmin(found.range[candidates])]
-    gaps = np.hypot(*(found.centre[candidates] - found.centre[nearest]).T)
-    x, y = found.centre[candidates[gaps < STRIDE]].mean(axis=0)
-    longer = 1.0 + LEG_RADIUS / hypot(x, y)
-    return float(longer * x), float(longer * y)
+    return person_between(scan, right, left, NEAREST, FARTHEST)
 
 
 def outline(camera: Camera, x: float, y: float) -> Box:

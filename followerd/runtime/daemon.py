@@ -9,8 +9,19 @@ from followerd.control.mode import Action
 from followerd.errors import UsageError
 from followerd.estimation.gaze import Gaze
 from followerd.hw.interfaces import Base, ExposureLock, PanTilt, Sensor
-from followerd.messages import Box, Decision, Image, Measurement, PtzState, TrackState
+from followerd.messages import (
+    Box,
+    Decision,
+    Image,
+    LookAt,
+    Measurement,
+    PtzState,
+    Scan,
+    TrackState,
+)
 from followerd.pipeline import Event, Operator, Pipeline, Tick
+from followerd.runtime.scanning import Scanning
+from followerd.runtime.shadows import Shadows
 from followerd.runtime.stats import Stats
 from followerd.runtime.supervisor import supervise
 from followerd.runtime.vision import Vision
@@ -33,26 +44,36 @@ class Daemon:
         pipeline: Pipeline,
         image_work: float,
         head: PanTilt | None = None,
+        shadows: Shadows | None = None,
     ) -> None:
         self.base = base
         self.head = head
+        self.shadows = shadows
         self.sensors = (*sensors, head) if head else sensors
         self.pipeline = pipeline
-        self.vision = Vision(tracker, pipeline.ego_at, pipeline.place_at, self.handle, image_work)
+        by_scans = "scan" in tracker.needs
+        self.scanning = Scanning(tracker, pipeline.ego_at, self.handle) if by_scans else None
+        watching = None if by_scans else tracker
+        self.vision = Vision(watching, pipeline.ego_at, pipeline.place_at, self.handle, image_work)
         self.stats = Stats(began=clock.now())
         self.decision: Decision | None = None
         self.decision_watchers: list[Callable[[Decision], None]] = []
         self.measurement_watchers: list[Callable[[Measurement], None]] = [self.stats.measured]
+        if shadows is not None:
+            self.decision_watchers.append(shadows.note)
         self._gaze = Gaze()
         self._motors = False
+        self._look: LookAt | None = None
         base.on_sent = self.stats.sent
 
     async def run(self) -> None:
         """Run until cancelled or until a device proves unusable (DeviceError)."""
         sensors = (self.base, *self.sensors)
         devices = [supervise(sensor, self.take, self.handle) for sensor in sensors]
+        beside = [] if self.shadows is None else [self.shadows.run()]
         try:
-            await clock.together(*devices, self.vision.run(), self._tick(), self.stats.watch_lag())
+            own = self.vision.run(), self._tick(), self.stats.watch_lag()
+            await clock.together(*devices, *own, *beside)
         finally:
             self.stats.finish(clock.now())
 
@@ -73,6 +94,8 @@ class Daemon:
             self._gaze.note(aimed)
         elif aimed is not None:
             self.handle(aimed)
+            if self.scanning is not None and isinstance(aimed, Scan):
+                self.scanning.take(aimed, self.pipeline.pose)
 
     def handle(self, event: Event) -> Decision:
         """One event through the pipeline, and its command to the base."""
@@ -82,6 +105,7 @@ class Daemon:
             self.base.enable_motors(decision.motors)
         self.stats.decided(decision)  # before it is sent, so that a stop is timed
         self.base.drive(decision.command)
+        self._turn_head(decision.look)
         if self.decision is None or decision.mode is not self.decision.mode:
             reasons = [str(reason) for reason in decision.reasons]
             log.info("mode", mode=decision.mode.value, reasons=reasons)
@@ -93,13 +117,22 @@ class Daemon:
     async def enrol(
         self, region: Box | tuple[float, float], frame_id: int | None = None
     ) -> TrackState:
-        """Enrol a person; he must be confirmed before arming. Raises UsageError."""
+        """Enrol a person; he must be confirmed before arming. Raises UsageError.
+
+        A point for a tracker of scans is in m, in `base`, unless `frame_id` says in which picture.
+        """
         refused = self.handle(Operator(Action.ENROL)).refused
         if refused:
             raise UsageError(refused)
-        state = await self.vision.enrol(region, frame_id)
+        if self.scanning is None:
+            state = await self.vision.enrol(region, frame_id)
+        else:
+            in_picture = isinstance(region, Box) or frame_id is not None
+            image = self.vision.frame(frame_id) if in_picture else None
+            state = self.scanning.enrol(region, image)
         self._lock_exposure(True)
-        log.info("enrolled", box=state.box, confidence=round(state.confidence, 2))
+        where = state.position if state.box is None else state.box
+        log.info("enrolled", at=where, confidence=round(state.confidence, 2))
         return state
 
     def act(self, action: Action, session: str = "") -> str:
@@ -109,6 +142,12 @@ class Daemon:
             self._lock_exposure(action is Action.ARM)
         log.info("operator", action=action.value, refused=decision.refused or None)
         return decision.refused
+
+    def _turn_head(self, look: LookAt | None) -> None:
+        """Only what is new: a head that is told again would be stopped for it."""
+        if self.head is not None and look is not None and look != self._look:
+            self.head.look(look.pan, look.tilt, look.rate)
+        self._look = look
 
     def _lock_exposure(self, locked: bool) -> None:
         """The person's colours must stay as they were learned."""

@@ -27,12 +27,13 @@ class Vision:
 
     def __init__(
         self,
-        tracker: Tracker,
+        tracker: Tracker | None,
         ego_at: Callable[[float], Pose2 | None],
         place_at: Callable[[float], Place | None],
         deliver: Callable[[Tracked], object],
         work: float,
     ) -> None:
+        """Without a `tracker` pictures are only kept, to be clicked on."""
         self._tracker = tracker
         self._ego_at = ego_at
         self._place_at = place_at
@@ -71,11 +72,14 @@ class Vision:
 
         Raises UsageError when that frame is gone or shows nothing to learn.
         """
+        tracker = self._tracker
+        if tracker is None:
+            raise UsageError("nobody is followed in images here")
         async with self._busy:
-            image, ego, _ = self._frame(frame_id)
-            state = await self._call(partial(self._tracker.enrol, image, region, ego))
+            image, ego, _ = self._seen(frame_id)
+            state = await self._call(partial(tracker.enrol, image, region, ego))
             for later in [seen for seen in self._history if seen[0].id > image.id]:
-                stepped = await self._call(partial(self._tracker.step, *later))
+                stepped = await self._call(partial(tracker.step, *later))
                 state = stepped or state
                 image = later[0]
         self._deliver(Tracked(image.stamp, image.received, image.id, state))
@@ -86,7 +90,11 @@ class Vision:
         """The newest frame that was given to the tracker."""
         return self._history[-1][0] if self._history else None
 
-    def _frame(self, frame_id: int | None) -> Seen:
+    def frame(self, frame_id: int | None) -> Image:
+        """The frame of that id, None: the newest. Raises UsageError when it is gone."""
+        return self._seen(frame_id)[0]
+
+    def _seen(self, frame_id: int | None) -> Seen:
         if not self._history:
             raise UsageError("no camera image yet; wait for the camera")
         if frame_id is None:
@@ -100,6 +108,8 @@ class Vision:
         async with self._busy:
             seen = image, self._ego_at(image.stamp), self._place_at(image.stamp)
             self._history.append(seen)
+            if self._tracker is None:
+                return
             track = await self._call(partial(self._tracker.step, *seen))
         self._deliver(Tracked(image.stamp, image.received, image.id, track))
 
