@@ -4,6 +4,7 @@ import gc
 import signal
 from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import dataclass, replace
+from math import radians
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,12 @@ import cv2
 import numpy as np
 
 from followerd import clock
-from followerd.config import Config
+from followerd.config import SIM, Config
 from followerd.control.registry import CONTROLLERS
 from followerd.errors import ConfigError
+from followerd.estimation.localizer import Localizer
+from followerd.estimation.registry import LOCALIZERS
+from followerd.geometry import Pose2
 from followerd.hw.camera.settings import CameraSettings
 from followerd.hw.camera.source import FrameSource
 from followerd.hw.camera.sources import open_camera
@@ -24,6 +28,8 @@ from followerd.hw.registry import DRIVERS
 from followerd.hw.serial import open_link
 from followerd.hw.stream import Link
 from followerd.hw.vcc50i.protocol import BAUD
+from followerd.maps.floor import FloorMap
+from followerd.maps.source import open_map
 from followerd.messages import Box
 from followerd.pipeline import Pipeline, PipelineSettings
 from followerd.runtime.auto_operator import AutoOperator
@@ -33,17 +39,20 @@ from followerd.runtime.daemon import Daemon
 from followerd.runtime.heartbeat import Heartbeat
 from followerd.runtime.notify import Notify
 from followerd.runtime.overheard import Hear, OverheardLink
+from followerd.runtime.shadows import Shadows
 from followerd.sim import scenarios
 from followerd.sim.faults import Fault
 from followerd.sim.rig import Equipment, Rig
+from followerd.sim.survey import surveyed
 from followerd.streams import STREAMS
-from followerd.trackers.interfaces import Tracker
+from followerd.trackers.interfaces import MapTracker, Tracker
 from followerd.trackers.registry import TRACKERS
 
 DRIVE_LAG = 0.15  # s from a command to braking wheels
 DEFAULT_TWIN = "p3dx-sh"  # what the base's twin is where the config names no model
 DEFAULT_HEAD = "vc-c50i"
 AUX = "aux"  # link of a head on the base's AUX port
+LOCATED = ("kind", "map", "start_pose")  # what a localizer's section says beyond its settings
 
 Attach = Callable[[Daemon], None]
 Beside = Callable[[Daemon], Coroutine[Any, Any, None]]  # what runs as long as the daemon does
@@ -103,6 +112,7 @@ def build(config: Config, plugs: Plugs) -> Daemon:
         pipeline,
         config.image_work_s,
         _head(config, plugs, base),
+        _shadows(config),
     )
     daemon.line_watchers = overheard
     return daemon
@@ -125,24 +135,51 @@ def thinking(config: Config) -> tuple[Tracker, Pipeline]:
     """What a daemon thinks with, and a replay again."""
     cv2.setNumThreads(1)
     tracker = TRACKERS.load(config.tracker.kind)(config.tracker, np.random.default_rng(config.seed))
+    floor = _floor(config)
+    if floor is not None and isinstance(tracker, MapTracker):
+        tracker.enter(floor)
     controller = CONTROLLERS.load(config.controller.kind)(config.controller)
-    return tracker, Pipeline(pipeline_settings(config), controller)
+    return tracker, Pipeline(
+        pipeline_settings(config),
+        controller,
+        np.random.default_rng([config.seed, 2]),
+        _localizer(config, floor),
+        tracker.needs,
+    )
+
+
+def _shadows(config: Config) -> Shadows | None:
+    """With the predictor that is listened to first among them, to compare."""
+    if not config.shadow:
+        return None
+    settings = config.pipeline.foresight
+    kinds = tuple(dict.fromkeys((settings.predictor, *config.shadow)))
+    return Shadows(kinds, settings, np.random.default_rng([config.seed, 3]))
 
 
 def verify(config: Config) -> None:
     """Raise ConfigError where parts that are good by themselves do not go together."""
     pipeline_settings(config)
+    _verify_head(config)
     tracker = TRACKERS.load(config.tracker.kind)
-    if "image" not in tracker.needs:
+    if "pose" in tracker.needs and config.localizer is None:
         raise ConfigError(
-            f"tracker: {config.tracker.kind} follows in recordings only (`followerd track`) as yet"
+            f"tracker: {config.tracker.kind} thinks on a map; add a localizer section"
         )
+    _floor(config)
+    if "image" not in tracker.needs:
+        return
     seen, wanted = _camera(config).sees, tracker.sees
     if seen not in wanted:
         raise ConfigError(
             f"tracker: {config.tracker.kind} needs a camera for {' or '.join(sorted(wanted))};"
             f" {config.camera.kind} gives {seen} images"
         )
+
+
+def _verify_head(config: Config) -> None:
+    if getattr(config.controller, "head", False) and config.ptz is None:
+        raise ConfigError("controller: head: true needs a pan-tilt head; add a ptz section")
 
 
 def laser_and_camera(config: Config, plugs: Plugs) -> tuple[Sensor, Sensor]:
@@ -189,6 +226,35 @@ def pipeline_settings(config: Config) -> PipelineSettings:
     reaction = max(settings.guard.reaction_s, oldest(laser) + DRIVE_LAG)
     guard = settings.guard.model_copy(update={"reaction_s": reaction})
     return settings.model_copy(update={"stale_after_s": limits, "guard": guard})
+
+
+def _floor(config: Config) -> FloorMap | None:
+    """The map of the localizer's section; raises ConfigError."""
+    if config.localizer is None:
+        return None
+    if config.localizer.map == SIM:
+        scenario = scenarios.load(config.sim.scenario)
+        return surveyed(scenario, np.random.default_rng([config.seed, 3]))
+    return open_map(Path(config.localizer.map))
+
+
+def _localizer(config: Config, floor: FloorMap | None) -> Localizer | None:
+    """Started where the config says."""
+    section = config.localizer
+    if section is None or floor is None:
+        return None
+    kind = LOCALIZERS.load(section.kind)
+    settings = kind.Settings.model_validate(section.model_dump(exclude=set(LOCATED)))
+    localizer: Localizer = kind(settings, floor, np.random.default_rng([config.seed, 4]))
+    at = section.start_pose
+    if at is not None:
+        localizer.start(Pose2(at.x_m, at.y_m, radians(at.yaw_deg)))
+    elif section.map == SIM:
+        robot = scenarios.load(config.sim.scenario).robot
+        localizer.start(Pose2(robot.x_m, robot.y_m, radians(robot.yaw_deg)))
+    else:
+        localizer.start(None)
+    return localizer
 
 
 def rig(config: Config, faults: Sequence[Fault] = ()) -> Rig:

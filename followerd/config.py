@@ -5,11 +5,13 @@ from operator import or_
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, create_model
+from pydantic import AfterValidator, Field, ValidationInfo, create_model
 
 from followerd import yaml
 from followerd.control.registry import CONTROLLERS
 from followerd.errors import ConfigError, UsageError
+from followerd.estimation.predictors import Kind
+from followerd.estimation.registry import LOCALIZERS
 from followerd.hw.registry import DRIVERS
 from followerd.pipeline import PipelineSettings
 from followerd.record.settings import RecordSettings
@@ -18,6 +20,8 @@ from followerd.resources import shipped
 from followerd.settings import Settings, validate
 from followerd.sim.faults import Fault
 from followerd.trackers.registry import TRACKERS
+
+SIM = "sim"  # a link or a map that the simulation offers
 
 
 class DeviceSection(Settings):
@@ -34,6 +38,31 @@ class ChoiceSection(Settings):
     """A tracker or a controller."""
 
     kind: str
+
+
+class PoseSection(Settings):
+    """A place on the map."""
+
+    x_m: float
+    y_m: float
+    yaw_deg: float = 0.0
+
+
+def _from_the_config(path: str, info: ValidationInfo) -> str:
+    """A relative path starts at the config's folder."""
+    return path if path == SIM else str((info.context or {}).get("folder", Path()) / path)
+
+
+class LocalizerSection(Settings):
+    """Where the robot is on a map: which way to find out, and which map."""
+
+    kind: str
+    map: Annotated[str, AfterValidator(_from_the_config)] = Field(
+        description="a map in ROS's form, a floor plan of segments, or sim for the scenario's"
+    )
+    start_pose: PoseSection | None = Field(
+        None, description="of the robot; default: anywhere, in the simulation where it is set down"
+    )
 
 
 def _a_fault(text: str) -> str:
@@ -74,11 +103,15 @@ class Config(Settings):
     ptz: DeviceSection | None = Field(
         None, description="the pan-tilt head that turns the camera; its mount is that of its home"
     )
+    localizer: LocalizerSection | None = None
     tracker: ChoiceSection
     controller: ChoiceSection
     pipeline: PipelineSettings = PipelineSettings()
     record: RecordSettings = RecordSettings()
     web: WebSection | None = Field(WebSection(), description="null: no page")
+    shadow: tuple[Kind, ...] = Field(
+        (), description="predictors of the person's direction that only run alongside"
+    )
     sim: SimSection = SimSection()
     operator: Literal["manual", "auto", "watch"] = Field(
         "manual",
@@ -110,6 +143,7 @@ def schema() -> type[Config]:
     fields: dict[str, Any] = {
         **drivers,
         "ptz": _optional(_union(DRIVERS, device, "ptz"), Config.model_fields["ptz"].description),
+        "localizer": _optional(_union(LOCALIZERS, _fields(LocalizerSection, "map", "start_pose"))),
         "tracker": _union(TRACKERS, {}),
         "controller": _union(CONTROLLERS, {}),
     }
@@ -164,7 +198,11 @@ def _union(registry: Registry, extra: dict[str, Any], role: str | None = None) -
     return (section, ... if len(kinds) == 1 else Field(..., discriminator="kind"))
 
 
-def _optional(union: Any, description: str | None) -> Any:
+def _fields(section: type[Settings], *names: str) -> dict[str, Any]:
+    return {name: (f.annotation, f) for name in names if (f := section.model_fields[name])}
+
+
+def _optional(union: Any, description: str | None = None) -> Any:
     """The same section, which may be left out."""
     section, field = union
     discriminator = None if field is ... else "kind"

@@ -139,13 +139,23 @@ class WheelSpeeds:
 
 @dataclass(frozen=True, slots=True)
 class TurnBy:
-    """A remaining turn, with a forward speed meanwhile."""
+    """A remaining turn that replaces a pending one, with a forward speed meanwhile."""
 
-    angle: float  # rad, left
+    angle: float  # rad, left of the heading in the base's newest report
     v: float = 0.0  # m/s
+    added: bool = False  # to the base's own goal instead (Motai's paper): such turns accumulate
 
 
 Wish = Twist | WheelSpeeds | TurnBy
+
+
+@dataclass(frozen=True, slots=True)
+class LookAt:
+    """Where a camera's head is to point, from its home position."""
+
+    pan: float  # rad, left
+    tilt: float = 0.0  # rad, up
+    rate: float | None = None  # rad/s, left: of a goal that moves, to keep pace with
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,8 +256,17 @@ class TrackState:
     position: tuple[float, float] | None = None  # m, in `odom`
     velocity: tuple[float, float] | None = None  # m/s, in `odom`
     covariance: Array | None = None  # (2, 2) or (4, 4) of position (and velocity)
+    by_legs: bool = False  # the laser alone carries it: the camera does not see the person
     candidates: tuple[Box, ...] = ()  # for drawing
     particles: Array | None = None  # (N, 2) px or m, for drawing
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """The direction in which an image showed the followed person."""
+
+    stamp: float  # s, of the image
+    pan: float  # rad in `odom`, left; without jumps while the person is in sight
 
 
 @dataclass(frozen=True, slots=True)
@@ -378,6 +397,9 @@ class Decision:
     reasons: tuple[Reason, ...] = field(default=())  # all that hold now, the command's included
     motors: bool = False  # the wheels' motors are wanted on
     refused: str = ""  # why the operator's action was refused
+    pose: RobotPose | None = None  # on the map, where there is a localizer
+    look: LookAt | None = None  # for the camera's head; None = as before
+    sight: Sight | None = None  # the newest; None = not in sight
 
 
 Measurement = Image | Scan | Odometry | PtzState

@@ -1,23 +1,31 @@
 """One event in, one decision out: pure, so robot, simulation and replay run the same."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from math import inf
 
+import numpy as np
 from pydantic import Field, PositiveFloat
 
 from followerd.control.freshness import Freshness, StreamName
 from followerd.control.guard import Guard, Situation
-from followerd.control.interfaces import Controller, Scene, Target, View
+from followerd.control.interfaces import Controller, HeadController, Scene, Target, View
 from followerd.control.limits import GuardSettings
 from followerd.control.mode import Action, Modes, ModeSettings, Permission
+from followerd.estimation.association import Association, AssociationSettings
 from followerd.estimation.ego_motion import EgoMotion, EgoMotionSettings
-from followerd.estimation.ranging import Person, Ranging, RangingSettings
+from followerd.estimation.foresight import Foresight, ForesightSettings
+from followerd.estimation.localizer import Localizer
+from followerd.estimation.ranging import Person
 from followerd.geometry import Pose2
 from followerd.messages import (
     Decision,
     Fault,
+    LookAt,
+    Mode,
     Odometry,
     Place,
+    RobotPose,
     Scan,
     TrackPhase,
     TrackState,
@@ -30,11 +38,11 @@ from followerd.settings import Settings
 
 @dataclass(frozen=True, slots=True)
 class Tracked:
-    """The tracker has finished an image."""
+    """The tracker has finished an image or a scan."""
 
-    stamp: float  # s, of the image
-    received: float  # s, of the image
-    frame_id: int
+    stamp: float  # s, of the image or scan
+    received: float  # s, of the image or scan
+    frame_id: int | None  # None: it was a scan
     track: TrackState | None  # None: nobody is enrolled
 
 
@@ -75,7 +83,9 @@ class Tick:
 
 
 Event = Scan | Odometry | Tracked | Operator | Presence | Hand | Late | Fault | Tick
-CAUSES = {Scan: "scan", Odometry: "odometry", Tracked: "image"}
+SEEN = (TrackPhase.TENTATIVE, TrackPhase.CONFIRMED)
+CAMERA = "camera"  # a device that only shows, where the tracker needs no images
+DRIVEN_BY = frozenset({"scan", "odometry"})  # streams without which nothing drives
 
 
 class PipelineSettings(Settings):
@@ -83,7 +93,8 @@ class PipelineSettings(Settings):
 
     ego_motion: EgoMotionSettings = EgoMotionSettings()
     clusters: ClusterSettings = ClusterSettings()
-    ranging: RangingSettings = RangingSettings()
+    association: AssociationSettings = AssociationSettings()
+    foresight: ForesightSettings = ForesightSettings()
     modes: ModeSettings = ModeSettings()
     guard: GuardSettings = GuardSettings()
     stale_after_s: dict[StreamName, PositiveFloat] = Field(default_factory=dict)
@@ -92,14 +103,29 @@ class PipelineSettings(Settings):
 class Pipeline:
     """Holds what was last seen; `step` is the whole program."""
 
-    def __init__(self, settings: PipelineSettings, controller: Controller) -> None:
+    def __init__(
+        self,
+        settings: PipelineSettings,
+        controller: Controller,
+        rng: np.random.Generator | None = None,
+        localizer: Localizer | None = None,
+        needs: Collection[str] = ("image",),
+    ) -> None:
+        """`rng` is that of a foresight by particles, `needs` the streams that the tracker lives by.
+
+        A `localizer` has been started.
+        """
         self.settings = settings
         self.controller = controller
-        self.freshness = Freshness(settings.stale_after_s)
+        self.localizer = localizer
+        self.pose: RobotPose | None = None  # of the newest scan
+        self.freshness = Freshness(settings.stale_after_s, DRIVEN_BY.union(needs))
         self.ego_motion = EgoMotion(settings.ego_motion)
-        self.ranging = Ranging(settings.ranging)
+        self.association = Association(settings.association)
+        self.foresight = Foresight(settings.foresight, rng or np.random.default_rng(0))
         self.modes = Modes(settings.modes, self.freshness)
         self.guard = Guard(settings.guard, self.freshness)
+        self._head = controller if isinstance(controller, HeadController) else None
         self._odometry: Odometry | None = None
         self._view: View | None = None
         self._track: TrackState | None = None
@@ -113,17 +139,18 @@ class Pipeline:
     def place_at(self, stamp: float) -> Place | None:
         """Where the laser sees the followed person; None when it does not."""
         base = self.ego_at(stamp)
-        return None if base is None else self.ranging.measured(base, stamp)
+        return None if base is None else self.association.measured(base, stamp)
 
     def step(self, event: Event, now: float) -> Decision:
         """What the robot does about `event`."""
         refused = self._take(event, now)
+        self._excuse_camera(now)
         permission = self.modes.permission(now)
-        base, person = self.ego_at(now), self.ranging.person(now)
+        base, person = self.ego_at(now), self.association.person(now)
         wish = None if base is None else self._wish(permission, person, base, now)
         target = None if person is None else person.position
-        seen = (self._odometry, self._view, target, self.ranging.claimed)
-        cause, received = CAUSES.get(type(event), ""), getattr(event, "received", None)
+        seen = (self._odometry, self._view, target, self.association.claimed)
+        cause, received = _cause(event), getattr(event, "received", None)
         situation = Situation(permission, base, *seen)
         command = self.guard.check(wish, situation, now, cause, received)
         self.ego_motion.commanded(command)
@@ -133,6 +160,7 @@ class Pipeline:
         return Decision(
             self._sequence, now, self.modes.mode, self._track, wish, command,
             tuple(dict.fromkeys((*permission.reasons, *command.reasons))), self._motors, refused,
+            self.pose, self._look(base, now), self.foresight.newest,
         )  # fmt: skip
 
     def _take(self, event: Event, now: float) -> str:
@@ -148,11 +176,13 @@ class Pipeline:
         elif isinstance(event, Tracked):
             self._take_track(event, now)
         elif isinstance(event, Fault):
-            self.modes.fault(event, now)
+            if event.device != CAMERA or "image" in self.freshness.newest:
+                self.modes.fault(event, now)
         elif isinstance(event, Operator):
             refused = self.modes.operate(event.action, now, event.session)
             if event.action is Action.ENROL and not refused:
-                self.ranging.forget()
+                self.association.forget()
+                self.foresight.forget()
                 self._track = None
             return refused
         elif isinstance(event, Presence):
@@ -170,19 +200,45 @@ class Pipeline:
             points = scan.points()
             clusters = find_clusters(scan, points, self.settings.clusters)
             self._view = View(scan, points, clusters, base)
-            self.ranging.scan(clusters, base)
-            if self._track is not None and self.ranging.claimed:
-                self._track = self.ranging.located(self._track, base, scan.stamp)
+            self._localize(scan, base)
+            self.association.scan(clusters, base)
+            if carried := self.association.carried(base, scan.stamp):
+                self._judge(carried, now)
+            elif self._track is not None and self.association.claimed:
+                self._track = self.association.located(self._track, base, scan.stamp)
+
+    def _localize(self, scan: Scan, base: Pose2) -> None:
+        """Where the robot is on the map; once it gets lost, it may be anywhere."""
+        if self.localizer is None:
+            return
+        person = self.association.person(scan.stamp)
+        at = None if person is None else (~base).apply_point(*person.position)
+        known = self.pose is not None and not self.pose.lost
+        self.pose = self.localizer.step(scan, base, at)
+        if known and self.pose is not None and self.pose.lost:
+            self.localizer.start(None)
 
     def _take_track(self, tracked: Tracked, now: float) -> None:
-        self.freshness.saw("image", tracked.stamp, now)
+        if tracked.frame_id is not None:
+            self.freshness.saw("image", tracked.stamp, now)
         track, base = tracked.track, self.ego_at(tracked.stamp)
         if track is not None and base is not None:
-            self.ranging.see(track, base)
-            track = self.ranging.located(track, base, tracked.stamp)
-        person = self.ranging.person(now)
+            self.association.see(track, base)
+            if track.bearing is not None and track.phase in SEEN:
+                self.foresight.see(track.stamp, base.theta + track.bearing)
+            track = self.association.located(track, base, tracked.stamp)
+            track = self.association.carried(base, tracked.stamp) or track
+        self._judge(track, now)
+
+    def _judge(self, track: TrackState | None, now: float) -> None:
+        person = self.association.person(now)
         self._track = track
         self.modes.track(track, inf if person is None else person.sigma, now)
+
+    def _excuse_camera(self, now: float) -> None:
+        """A robot under way crawls on for a while by legs that are surely the person's."""
+        carried = self.modes.mode is Mode.FOLLOWING and self.association.vouches(now)
+        self.freshness.excuse("image", self.settings.modes.by_legs_s if carried else 0.0)
 
     def _wish(
         self, permission: Permission, person: Person | None, base: Pose2, now: float
@@ -194,14 +250,30 @@ class Pipeline:
         target = self._target(person, base)
         if target is None:
             return None
+        return self.controller.wish(target, self._scene(base, now))
+
+    def _look(self, base: Pose2 | None, now: float) -> LookAt | None:
+        """The head too rests until the robot is armed."""
+        if self._head is None or base is None or not self.modes.armed:
+            return None
+        return self._head.look(self._scene(base, now))
+
+    def _scene(self, base: Pose2, now: float) -> Scene:
         twist = self.ego_motion.twist_at(now) or Twist()
-        seen = self._odometry, self._view, self.ranging.claimed
-        return self.controller.wish(target, Scene(now, base, twist, *seen))
+        seen = self._odometry, self._view, self.association.claimed
+        return Scene(now, base, twist, *seen, self.foresight.newest, self.foresight.at)
 
     def _target(self, person: Person | None, base: Pose2) -> Target | None:
         phase = TrackPhase.LOST if self._track is None else self._track.phase
         if person is not None:
             distance, bearing = person.seen_from(base)
             return Target(bearing, distance, person.velocity_in(base), person.sigma, phase)
-        sight = self.ranging.bearing(base)
+        sight = self.association.bearing(base)
         return None if sight is None else Target(sight, phase=phase)
+
+
+def _cause(event: Event) -> str:
+    """The stream that an event comes from."""
+    if isinstance(event, Tracked):
+        return "scan" if event.frame_id is None else "image"
+    return {Scan: "scan", Odometry: "odometry"}.get(type(event), "")

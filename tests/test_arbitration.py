@@ -9,10 +9,14 @@ from filterpy.kalman import KalmanFilter
 from hypothesis import given
 from hypothesis import strategies as st
 
-from followerd.bench import motai
-from followerd.bench.motai import Job, run
-from followerd.estimation.arbitration import Axis, Kf, Kind, Look, Of, OfKf, predictor
+from followerd.bench.motai_runs import Job, run
+from followerd.bench.motai_target import SIGMA, SPEEDS
+from followerd.estimation.arbitration import OfKf
+from followerd.estimation.direction import Look
+from followerd.estimation.direction_flow import Of
+from followerd.estimation.direction_kf import Axis, Kf
 from followerd.estimation.pan_flow import angles, camera_flow, following_turn, pixels
+from followerd.estimation.predictors import Kind, predictor
 
 FOCAL = 686.0
 T = 1 / 15
@@ -164,13 +168,13 @@ def test_ours_beats_the_arbitration_in_every_cell() -> None:
     """Bars: mean error 0.6 and overshoot 0.5 of ofkf's; in no cell 5 % worse than the best."""
     error: dict[tuple[str, str, Kind], float] = {}
     over: dict[Kind, float] = dict.fromkeys(get_args(Kind), 0.0)
-    for target in motai.SIGMA:
-        for speed in motai.SPEEDS:
+    for target in SIGMA:
+        for speed in SPEEDS:
             for kind in get_args(Kind):
                 runs = [run(Job(target, speed, kind, 300 + seed)) for seed in range(40)]
                 error[target, speed, kind] = float(np.mean([one.errors.mean() for one in runs]))
                 over[kind] += float(np.mean([(one.errors > 3.0).mean() for one in runs]))
-    cells = [(target, speed) for target in motai.SIGMA for speed in motai.SPEEDS]
+    cells = [(target, speed) for target in SIGMA for speed in SPEEDS]
     mean = {kind: np.mean([error[*cell, kind] for cell in cells]) for kind in get_args(Kind)}
     assert mean["imm_pda"] <= 0.6 * mean["ofkf"]
     assert over["imm_pda"] <= 0.5 * over["ofkf"]

@@ -101,7 +101,7 @@ def test_check_says_what_a_config_sets_up(capsys: pytest.CaptureFixture[str]) ->
     [
         (("kind: camera\n", "kind: thermal\n"), "hpf needs a camera for colour or depth"),
         (("resolution_deg: 1\n", "resolution_deg: 0.5\n"), "too slow to drive by"),
-        (("{kind: hpf, profile: default}", "{kind: legs}"), "in recordings only"),
+        (("{kind: hpf, profile: default}", "{kind: stream_field}"), "add a localizer section"),
     ],
 )
 def test_check_knows_what_does_not_go_together(

@@ -1,7 +1,7 @@
 """What the guard owes: never too fast, never on stale data, never without a reason."""
 
 from dataclasses import dataclass, replace
-from math import cos, hypot, inf, isfinite, nan, pi, radians, sin
+from math import cos, degrees, hypot, inf, isfinite, nan, pi, radians, sin
 
 import numpy as np
 import pytest
@@ -620,6 +620,28 @@ def test_too_fast_wheel_speeds_come_out_as_a_twist() -> None:
 def test_a_turn_by_an_angle_keeps_its_angle_and_loses_speed() -> None:
     b = bench().sees(seen((0, 60, 0.7)))
     assert b.check(TurnBy(0.1, 0.5)).motion == TurnBy(0.1, 0.0)
+
+
+def test_a_turn_by_an_angle_ends_before_the_body_touches_something() -> None:
+    """It speeds up by itself, and goes on however late the next command comes."""
+    b = bench().sees(post(0.05, 0.30))
+    command = b.guard.check(TurnBy(radians(170.0)), b.situation, NOW)
+    assert isinstance(command.motion, TurnBy)
+    assert 0.0 < degrees(command.motion.angle) < 120.0
+    assert StopReason.OBSTACLE in [reason.stop for reason in command.reasons]
+    near = bench().sees(post(0.05, 0.30))
+    free = near.guard.check(TurnBy(radians(2.0)), near.situation, NOW)
+    assert free.motion == TurnBy(radians(2.0))
+
+
+def test_a_turn_counts_from_the_report_and_is_judged_by_what_is_left_of_it() -> None:
+    """The base has turned 10 degrees since: 5 more are wished, to the left."""
+    b = bench()
+    reported = Odometry(NOW - 0.05, NOW - 0.04, Pose2(theta=radians(-10.0)), Twist())
+    b.situation = replace(b.situation, odometry=reported)
+    left = b.guard._twist(TurnBy(radians(15.0)), radians(10.0))
+    assert degrees(left.omega) == pytest.approx(5.0 / b.settings.valid_s)
+    assert b.check(TurnBy(radians(15.0))).motion == TurnBy(radians(15.0))
 
 
 def test_a_turn_by_an_angle_that_would_touch_goes_on_only_as_slowly_as_it_can_stop() -> None:

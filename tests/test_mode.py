@@ -39,6 +39,7 @@ class Story:
         self.phase = TrackPhase.CONFIRMED
         self.confidence = 0.9
         self.bearing = 0.2
+        self.by_legs = False
         self.sigma = 0.1
         self.motors = True
         self.base: dict[str, object] = {}
@@ -50,7 +51,13 @@ class Story:
             for name in STREAMS.keys() - self.dead:
                 self.freshness.saw(name, self.now, self.now)
             if "image" not in self.dead:
-                track = TrackState(self.now, self.phase, self.confidence, bearing=self.bearing)
+                track = TrackState(
+                    self.now,
+                    self.phase,
+                    self.confidence,
+                    bearing=self.bearing,
+                    by_legs=self.by_legs,
+                )
                 self.modes.track(track if self.modes.enrolled else None, self.sigma, self.now)
             if "odometry" not in self.dead:
                 self.modes.base(self.odometry(), self.now)
@@ -259,6 +266,56 @@ def test_a_stale_sensor_holds_and_five_good_frames_resume(name: str) -> None:
     story.dead = set()
     assert story.run(0.2).max_speed == 0.0
     assert story.run(0.1) == Permission(True, inf)
+
+
+def test_by_the_legs_alone_the_robot_crawls_for_two_seconds() -> None:
+    story = following()
+    story.by_legs = True
+    crawling = story.run(1.9)
+    assert story.mode() is Mode.FOLLOWING
+    assert (crawling.move, crawling.max_speed) == (True, 0.3)
+    assert "by the legs alone" in str(crawling.reasons[0])
+    held = story.run(0.2)
+    assert story.mode() is Mode.HOLDING
+    assert held.max_speed == 0.0
+
+
+def test_what_the_legs_alone_show_never_starts_a_standing_robot() -> None:
+    story = following()
+    story.dead = {"image"}
+    story.run(0.5)
+    story.dead, story.by_legs = set(), True
+    assert story.run(3.0).max_speed == 0.0
+    story.by_legs = False
+    assert story.run(0.3) == Permission(True, inf)
+
+
+def test_an_excused_stream_may_be_older_but_not_for_arming_or_at_full_speed() -> None:
+    freshness = Freshness()
+    for k in range(30):
+        for name in STREAMS:
+            freshness.saw(name, 0.1 * k, 0.1 * k)
+    for stamp in (3.0, 3.3, 3.5):
+        freshness.saw("scan", stamp, stamp)
+        freshness.saw("odometry", stamp, stamp)
+    assert [reason.device for reason in freshness.stale(3.5)] == ["image"]
+    freshness.excuse("image", 2.0)
+    assert freshness.stale(3.5) == ()
+    assert [reason.device for reason in freshness.ageing(0.7, 3.5)] == ["image"]
+    assert freshness.good_until() == pytest.approx(3.85)
+    freshness.excuse("image", 0.0)
+    assert freshness.good_until() == pytest.approx(3.2)
+    assert freshness.fresh_for(3.5) == 0.0
+
+
+def test_nobody_waits_for_a_stream_that_is_not_watched() -> None:
+    freshness = Freshness({"image": 0.1}, watched={"scan", "odometry"})
+    freshness.saw("scan", 1.0, 1.0)
+    freshness.saw("odometry", 1.0, 1.0)
+    freshness.saw("image", 0.2, 1.0)
+    freshness.excuse("image", 1.0)
+    assert freshness.stale(1.1) == ()
+    assert freshness.good_until() == pytest.approx(1.35)
 
 
 def test_a_failed_device_is_a_fault_until_it_is_back_and_armed_again() -> None:

@@ -11,7 +11,16 @@ from followerd.control.image_centering import ImageCentering, ImageCenteringSett
 from followerd.control.limits import GuardSettings
 from followerd.control.mode import Action
 from followerd.geometry import Pose2
-from followerd.messages import Decision, Fault, Mode, Scan, StopReason, TrackPhase, Twist
+from followerd.messages import (
+    Decision,
+    Fault,
+    Mode,
+    RobotPose,
+    Scan,
+    StopReason,
+    TrackPhase,
+    Twist,
+)
 from followerd.pipeline import Pipeline, PipelineSettings, Tick
 from followerd.streams import STREAMS
 from tests.follow_rig import Rig, standing, walking, wall
@@ -131,6 +140,7 @@ def test_a_dead_stream_stops_the_robot_within_its_bound(stream: str) -> None:
     rig = Rig(STROLL, dead=lambda name, time: name == stream and time > died).armed()
     rig.run(died - rig.now)
     assert rig.twist.v > 0.3
+    rig.legs_visible = stream != "image"  # which would carry the track on, slowly
     rig.run(STREAMS[stream].stale_after + 0.06)
     assert rig.command.stops
     assert STREAMS[stream].reason in kinds(rig.decisions[-1])
@@ -151,7 +161,9 @@ def test_a_lost_person_is_searched_then_given_up_without_driving() -> None:
     rig = Rig(
         STROLL, phase=lambda time: TrackPhase.LOST if time > lost else TrackPhase.CONFIRMED
     ).armed()  # fmt: skip
-    rig.run(lost - rig.now + 0.8)
+    rig.run(lost - rig.now)
+    rig.legs_visible = False
+    rig.run(0.8)
     modes = [rig.decisions[-1].mode]
     rig.run(1.5)
     where = rig.pose
@@ -162,6 +174,122 @@ def test_a_lost_person_is_searched_then_given_up_without_driving() -> None:
     modes.append(rig.decisions[-1].mode)
     assert modes == [Mode.SEARCHING, Mode.IDLE]
     assert rig.stopped
+
+
+def test_a_camera_that_nobody_needs_stops_nothing() -> None:
+    pipeline = Pipeline(PipelineSettings(), ImageCentering(), needs=("scan",))
+    pipeline.step(Fault(1.0, "camera", StopReason.LINK_LOST), 1.0)
+    assert StopReason.LINK_LOST not in kinds(pipeline.step(Tick(), 1.1))
+    assert StopReason.IMAGE_STALE not in kinds(pipeline.step(Tick(), 1.2))
+    assert StopReason.LINK_LOST in kinds(
+        pipeline.step(Fault(1.3, "laser", StopReason.LINK_LOST), 1.3)
+    )
+
+
+class Elsewhere:
+    """A localizer that notes who is left out, and loses its way at 8 s."""
+
+    def __init__(self) -> None:
+        self.people: list[tuple[float, float] | None] = []
+        self.starts = 0
+
+    def start(self, at: Pose2 | None) -> None:
+        assert at is None
+        self.starts += 1
+
+    def step(
+        self, scan: Scan, ego: Pose2, person: tuple[float, float] | None = None
+    ) -> RobotPose | None:
+        self.people.append(person)
+        at = Pose2(1.0, 2.0, 0.5)
+        return RobotPose(scan.stamp, at @ ego, at, np.eye(3), scan.stamp > 8.0)
+
+
+def test_a_localizers_pose_stands_in_every_decision_and_being_lost_begins_a_search() -> None:
+    rig, localizer = Rig(STROLL), Elsewhere()
+    rig.pipeline.localizer = localizer
+    rig.armed().run(7.9 - rig.now)
+    pose = rig.decisions[-1].pose
+    assert pose is not None
+    assert not pose.lost
+    assert localizer.starts == 0
+    person = localizer.people[-1]
+    assert person is not None
+    assert hypot(*person) == pytest.approx(rig.range, abs=0.2)
+    rig.run(0.5)
+    pose = rig.decisions[-1].pose
+    assert pose is not None
+    assert pose.lost
+    assert localizer.starts == 1
+    assert rig.decisions[-1].mode is Mode.FOLLOWING  # in `odom` nothing has changed
+
+
+def test_a_camera_gap_of_400_ms_is_crawled_through_by_the_legs() -> None:
+    rig = Rig(STROLL, dead=lambda name, time: name == "image" and 8.0 < time < 8.4).armed()
+    rig.run(8.0 - rig.now)
+    began = len(rig.decisions)
+    rig.run(1.0)
+    gap = rig.decisions[began:]
+    assert {decision.mode for decision in gap} == {Mode.FOLLOWING}
+    assert not any(decision.command.stops for decision in gap)
+    assert any(decision.track is not None and decision.track.by_legs for decision in gap)
+
+
+@pytest.mark.parametrize("fails", ["blind", pytest.param("lost", marks=pytest.mark.slow)])
+def test_by_the_legs_alone_the_robot_crawls_for_a_while_and_stops(fails: str) -> None:
+    failed = 8.0
+    rig = Rig(
+        STROLL,
+        dead=lambda name, time: fails == "blind" and name == "image" and time > failed,
+        phase=lambda time: TrackPhase.LOST if time > failed else TrackPhase.CONFIRMED,
+    ).armed()
+    rig.run(failed - rig.now + 0.9)  # 0.5 m/s is braked to a crawl
+    assert 0.1 < rig.twist.v < 0.31
+    rig.run(1.2)
+    assert rig.twist.v < 0.31
+    rig.run(0.5 if fails == "blind" else 4.0)
+    assert rig.command.stops or rig.command.motion == Twist(0.0, rig.twist.omega)
+    rig.run(1.0)
+    assert abs(rig.twist.v) < 1e-6
+    if fails == "blind":
+        assert StopReason.IMAGE_STALE in kinds(rig.decisions[-1])
+
+
+def test_somebody_who_comes_near_ends_the_crawl_of_a_blind_robot() -> None:
+    """Whose legs are whose, the laser alone cannot say (FAILSAFES F8)."""
+
+    def crossing(time: float) -> tuple[float, float]:
+        return 4.0, 3.0 - 1.2 * max(0.0, time - 6.4)
+
+    rig = Rig(
+        STROLL, others=[crossing], dead=lambda name, time: name == "image" and time > 8.0
+    ).armed()
+    rig.run(8.35 - rig.now)
+    near = None
+    while rig.now < 9.8:
+        rig.run(0.02)
+        x, y = rig.person(rig.now)
+        if near is None and hypot(crossing(rig.now)[0] - x, crossing(rig.now)[1] - y) < 0.45:
+            near = rig.now
+        if near is not None and rig.now > near + 0.3:
+            assert rig.command.stops
+    assert near is not None
+
+
+@pytest.mark.slow
+def test_behind_a_table_the_camera_alone_leads_on() -> None:
+    rig = Rig(STROLL).armed()
+    rig.run(8.0 - rig.now)
+    rig.legs_visible = False
+    began = len(rig.decisions)
+    rig.run(3.0)
+    assert {decision.mode for decision in rig.decisions[began:]} == {Mode.FOLLOWING}
+    assert rig.range < 2.0
+    rig.legs_visible = True
+    rig.run(1.0)
+    track = rig.decisions[-1].track
+    assert track is not None
+    assert track.range == pytest.approx(rig.range, abs=0.15)
 
 
 def test_a_short_occlusion_is_driven_through_slowly() -> None:

@@ -15,7 +15,9 @@ from followerd.sim.scenarios import Scenario, draw, known, load
 from followerd.sim.wardrobe import dress
 from followerd.sim.world import World
 
-NAMES = ("corridor", "laboratory-fixate", "office", "static-ball", "turns")
+NAMES = (
+    "boards", "corridor", "laboratory-fixate", "office", "pillars", "static-ball", "turns",
+)  # fmt: skip
 STEP = 0.1  # s
 BODY = 0.2  # m, radius of a person
 FEW, MANY = range(2), range(2, 25)

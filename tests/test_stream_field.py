@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from followerd.estimation.stream_field import FASTEST, OUTWARD, discs, velocity
+from followerd.stream_field import FASTEST, OUTWARD, discs, velocity
 
 NONE = np.empty(0, complex), np.empty(0)
 DISC = np.array([0j]), np.array([0.5])

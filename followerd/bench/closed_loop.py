@@ -6,7 +6,8 @@ from typing import Any
 
 from followerd import app, clock
 from followerd.bench.metrics import Figures, follow_figures
-from followerd.config import Config
+from followerd.bench.pose_scores import localization_figures
+from followerd.config import SIM, Config
 from followerd.messages import Decision
 from followerd.runtime.daemon import Daemon
 from followerd.runtime.stats import percentiles, summary
@@ -48,6 +49,7 @@ class Run:
     def summary(self, now: float, *, virtual: bool) -> Summary:
         """The run's figures (DESIGN section 5)."""
         vision, tracker = self.daemon.vision, self.config.tracker
+        times = (self.daemon.scanning or vision).step_times
         figures = summary(self.daemon.stats, virtual=virtual, now=now)
         return {
             "scenario": self.config.sim.scenario if self.truths else None,
@@ -56,9 +58,17 @@ class Run:
             **figures,
             "dropped_frames": vision.dropped,
             "follow": self._follow(),
-            "tracker_ms": percentiles(vision.step_times, "p50", "p99"),
+            "localization": self._localization(),
+            "shadow": None if self.daemon.shadows is None else self.daemon.shadows.figures(),
+            "tracker_ms": percentiles(times, "p50", "p99"),
             "wall_s": self.wall_s,
         }
+
+    def _localization(self) -> dict[str, float | int | None] | None:
+        section = self.config.localizer
+        if section is None or not self.decisions:
+            return None
+        return localization_figures(self.truths if section.map == SIM else [], self.decisions)
 
     def _follow(self) -> Figures | None:
         if not self.truths or not self.decisions:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import cv2
@@ -17,6 +18,8 @@ from followerd.runtime import logs
 
 SCENARIOS = ("corridor", "laboratory-fixate", "static-ball", "office", "turns")
 TRACKERS = ("hpf/paper", "hpf/default")
+HIDING = ("pillars", "boards")  # where the person is out of sight for long
+HIDDEN_TRACKERS = ("stream_field/default",)
 FIRST_SEED = 4000  # seeds below serve for tuning
 DURATION = 60.0  # s
 QUICK_DURATION = 15.0  # s
@@ -39,8 +42,7 @@ def suite(executor: Executor, seeds: int, quick: bool) -> Report:
     numbers = range(FIRST_SEED, FIRST_SEED + (2 if quick else seeds))
     jobs = [
         Job(tracker, scenario, seed, duration)
-        for scenario in SCENARIOS
-        for tracker in TRACKERS
+        for scenario, tracker in (*product(SCENARIOS, TRACKERS), *product(HIDING, HIDDEN_TRACKERS))
         for seed in numbers
     ]
     runs = list(zip(jobs, sweep(executor, run, jobs, "follow"), strict=True))

@@ -15,6 +15,8 @@ def check(config: str) -> None:
     for name in ("base", "laser", "camera", "ptz"):
         if device := getattr(settings, name):
             print(f"  {name}: {device.kind} at {device.link}")
+    if settings.localizer:
+        print(f"  localizer: {settings.localizer.kind} on {settings.localizer.map}")
     print(f"  tracker: {settings.tracker.kind}, controller: {settings.controller.kind}")
     if settings.simulated:
         print(f"  scenario: {settings.sim.scenario}")

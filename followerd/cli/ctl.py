@@ -14,14 +14,15 @@ Request = Literal["status", "enrol", "confirm", "arm", "hold", "disarm", "stop",
 
 def ctl(
     request: Request,
-    region: str | None = None,
+    region: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
     *,
     frame: Annotated[int | None, Parameter(help="id of the picture that was clicked")] = None,
     socket: Annotated[Path | None, Parameter(help="the daemon's control socket")] = None,
 ) -> None:
     """Ask a running daemon: status, enrol X,Y[,W,H], confirm, arm, hold, disarm, stop, clear.
 
-    `stop` is the emergency stop: it stays until `clear`.
+    `stop` is the emergency stop: it stays until `clear`. A tracker of scans (legs, stream_field)
+    enrols who stands at X,Y in m (forward, left), or who was clicked in the picture --frame.
     """
     message: dict[str, object] = {"do": request}
     if request == "enrol":
@@ -41,7 +42,10 @@ def _numbers(region: str | None) -> list[float]:
     except ValueError:
         numbers = []
     if len(numbers) not in (2, 4):
-        raise UsageError("ctl enrol takes X,Y or X,Y,W,H in pixels, such as 96,70 or 80,40,32,90")
+        raise UsageError(
+            "ctl enrol takes X,Y or X,Y,W,H in pixels, such as 96,70 or 80,40,32,90;"
+            " X,Y in m, such as 1.5,0, for a tracker of scans"
+        )
     return numbers
 
 

@@ -1,6 +1,6 @@
 """How old each stream's newest measurement is, counted from when it was measured."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from math import inf
 from typing import Literal
 
@@ -11,25 +11,47 @@ StreamName = Literal["scan", "image", "odometry"]
 
 
 class Freshness:
-    """The newest stamp of every stream and since when the stream has been fresh."""
+    """The newest stamp of every watched stream and since when the stream has been fresh."""
 
-    def __init__(self, stale_after: Mapping[StreamName, float] | None = None) -> None:
-        """`stale_after`: s by stream; only lower values than the table's count."""
-        self.stale_after = {name: stream.stale_after for name, stream in STREAMS.items()}
-        for name, limit in (stale_after or {}).items():
-            self.stale_after[name] = min(limit, self.stale_after[name])
-        self.newest = dict.fromkeys(STREAMS, -inf)
-        self._fresh_since = dict.fromkeys(STREAMS, inf)
+    def __init__(
+        self,
+        stale_after: Mapping[StreamName, float] | None = None,
+        watched: Collection[str] = tuple(STREAMS),
+    ) -> None:
+        """`stale_after`: s by stream; only lower values than the table's count.
+
+        The robot does not stop for a stream that nobody `watched`.
+        """
+        lower: dict[str, float] = dict((stale_after or {}).items())
+        self.stale_after: dict[str, float] = {
+            name: min(stream.stale_after, lower.get(name, inf))
+            for name, stream in STREAMS.items()
+            if name in watched
+        }
+        self.newest = dict.fromkeys(self.stale_after, -inf)
+        self._fresh_since = dict.fromkeys(self.stale_after, inf)
+        self._excused: dict[str, float] = {}  # s by stream, beyond its limit
 
     def saw(self, stream: str, stamp: float, now: float) -> None:
         """A measurement of `stream` from `stamp` arrived."""
+        if stream not in self.newest:
+            return
         if self._is_stale(stream, now) or self._fresh_since[stream] == inf:
             self._fresh_since[stream] = now
         self.newest[stream] = max(self.newest[stream], stamp)
 
+    def excuse(self, stream: str, seconds: float) -> None:
+        """Until told otherwise `stream` may be so much older, at a low speed."""
+        if stream in self.newest:
+            self._excused[stream] = seconds
+
     def stale(self, now: float) -> tuple[Reason, ...]:
         """Why the robot must stand: every stream that is too old, with its age."""
-        late = [name for name in STREAMS if self._is_stale(name, now)]
+        late = [
+            name
+            for name in self.stale_after
+            if self._is_stale(name, now, self._excused.get(name, 0.0))
+        ]
         return tuple([Reason(STREAMS[name].reason, name, self._age(name, now)) for name in late])
 
     def ageing(self, share: float, now: float) -> tuple[Reason, ...]:
@@ -45,8 +67,8 @@ class Freshness:
     def disarms(self, now: float) -> bool:
         """Whether a stale stream asks for arming again."""
         return any(
-            stream.on_stale is OnStale.DISARM and self._is_stale(name, now)
-            for name, stream in STREAMS.items()
+            STREAMS[name].on_stale is OnStale.DISARM and self._is_stale(name, now)
+            for name in self.stale_after
         )
 
     def fresh_for(self, now: float) -> float:
@@ -57,11 +79,16 @@ class Freshness:
 
     def good_until(self) -> float:
         """Loop time at which the first stream goes stale."""
-        return min([self.newest[name] + limit for name, limit in self.stale_after.items()])
+        return min(
+            [
+                self.newest[name] + limit + self._excused.get(name, 0.0)
+                for name, limit in self.stale_after.items()
+            ]
+        )
 
-    def _is_stale(self, name: str, now: float) -> bool:
+    def _is_stale(self, name: str, now: float, excused: float = 0.0) -> bool:
         # written so that a NaN is stale
-        return not now - self.newest[name] <= self.stale_after[name]
+        return not now - self.newest[name] <= self.stale_after[name] + excused
 
     def _age(self, name: str, now: float) -> str:
         age = now - self.newest[name]

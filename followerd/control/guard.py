@@ -1,7 +1,7 @@
 """The last word before the wheels: what may be sent, and why it differs from the wish."""
 
 from dataclasses import dataclass, field, replace
-from math import copysign, hypot, inf, radians
+from math import copysign, degrees, hypot, inf, radians
 
 from followerd.control.clearance import stopping_speed
 from followerd.control.freshness import Freshness
@@ -16,7 +16,7 @@ from followerd.control.plausible import (
     is_plausible_scan,
 )
 from followerd.control.way import Way
-from followerd.geometry import Pose2
+from followerd.geometry import Pose2, wrap_angle
 from followerd.messages import (
     Command,
     Odometry,
@@ -78,7 +78,8 @@ class Guard:
         allowed = Twist()
         base, view = situation.base, situation.view
         if wish is not None and base is not None and view is not None and not reasons:
-            wanted = self._twist(wish)
+            turned = _since_report(base, situation.odometry)
+            wanted = self._twist(wish, turned)
             capped = self._capped(wanted, situation, view, base, reasons, now)
             obstacles = self._obstacles(view, situation.claimed, base, capped.v, now)
             ramped = self._ramped(capped, now)
@@ -88,6 +89,8 @@ class Guard:
             ):
                 reasons.append(Reason(StopReason.LIMIT, "guard", "acceleration", full_stop=False))
             motion = _as_wished(wish, wanted, ramped, allowed)
+            if isinstance(motion, TurnBy):
+                motion = self._swept(motion, turned, obstacles, reasons)
         self._approved, self._approved_at = allowed, now
         good_until = min(now + self.settings.valid_s, self.freshness.good_until())
         return Command(
@@ -127,14 +130,16 @@ class Guard:
             self._plausible = is_plausible_scan(view.scan, self.settings.max_missing_share)
         return self._plausible
 
-    def _twist(self, wish: Wish) -> Twist:
+    def _twist(self, wish: Wish, turned: float = 0.0) -> Twist:
+        """The wish as speeds; `turned` is the angle since the report that a turn counts from."""
         if isinstance(wish, Twist):
             return wish
         if isinstance(wish, WheelSpeeds):
             difference = wish.right - wish.left
             return Twist(0.5 * (wish.left + wish.right), difference / self.settings.track_m)
         fastest = radians(self.settings.max_turn_degps)
-        return Twist(wish.v, min(max(wish.angle / self.settings.valid_s, -fastest), fastest))
+        rest = wish.angle if wish.added else wish.angle - turned
+        return Twist(wish.v, min(max(rest / self.settings.valid_s, -fastest), fastest))
 
     def _capped(
         self,
@@ -246,6 +251,18 @@ class Guard:
         v = _slower(twist.v, abs(v), reasons, StopReason.OBSTACLE, "laser", why)
         return Twist(v, omega)
 
+    def _swept(
+        self, turn: TurnBy, turned: float, obstacles: Obstacles, reasons: list[Reason]
+    ) -> TurnBy:
+        """A turn that ends before the robot's body touches something."""
+        rest = turn.angle - turned
+        free = self._way.free_angle(rest, obstacles)
+        if turn.added or abs(rest) <= free:
+            return turn
+        why = f"free turn {degrees(free):.0f} degrees"
+        reasons.append(Reason(StopReason.OBSTACLE, "laser", why, full_stop=False))
+        return replace(turn, angle=turned + copysign(free, rest))
+
     def _along(self, v: float, omega: float, obstacles: Obstacles) -> tuple[float, str]:
         """The speed up to `v` that may be driven while turning at `omega`, and what limits it.
 
@@ -265,6 +282,11 @@ class Guard:
         else:
             v = 0.0
         return v, why
+
+
+def _since_report(base: Pose2, odometry: Odometry | None) -> float:
+    """Angle turned since the base's newest report, rad."""
+    return 0.0 if odometry is None else wrap_angle(base.theta - odometry.pose.theta)
 
 
 def _as_wished(wish: Wish, wanted: Twist, ramped: Twist, allowed: Twist) -> Wish | None:

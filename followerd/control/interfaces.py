@@ -1,11 +1,12 @@
 """What a follow law is to the pipeline, and what it is told."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from followerd.geometry import Array, Pose2
-from followerd.messages import Clusters, Odometry, Scan, TrackPhase, Twist, Wish
+from followerd.messages import Clusters, LookAt, Odometry, Scan, Sight, TrackPhase, Twist, Wish
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +30,12 @@ class View:
     base: Pose2  # odom_from_base then
 
 
+def unforeseen(stamp: float) -> float | None:
+    """Nobody is in sight."""
+    del stamp
+    return None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
     """What a follow law may look at besides its target."""
@@ -39,6 +46,8 @@ class Scene:
     odometry: Odometry | None = None  # newest report of the base
     view: View | None = None  # newest scan
     claimed: tuple[slice, ...] = ()  # beams of the view that show the followed person
+    sight: Sight | None = None  # newest sight of the person
+    foresee: Callable[[float], float | None] = unforeseen  # s -> rad in `odom`, their direction
 
 
 class Controller(Protocol):
@@ -46,3 +55,11 @@ class Controller(Protocol):
 
     def wish(self, target: Target, scene: Scene, /) -> Wish:
         """The motion that follows `target`."""
+
+
+@runtime_checkable
+class HeadController(Controller, Protocol):
+    """A follow law that turns the camera's head too."""
+
+    def look(self, scene: Scene, /) -> LookAt | None:
+        """Where the head is to point; None = as before."""

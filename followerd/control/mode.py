@@ -106,6 +106,8 @@ class ModeSettings(Settings):
     )
     hand_s: float = Field(0.15, gt=0, le=0.15, description="a command of the hand is good for")
     manual_speed_mps: float = Field(0.4, gt=0, le=0.7, description="driven by hand")
+    by_legs_s: float = Field(2.0, ge=0, le=2.0, description="following what the laser alone sees")
+    by_legs_speed_mps: float = Field(0.3, ge=0, le=0.3, description="the same")
     limp_speed_mps: float = Field(0.3, gt=0, le=0.3, description="while the battery is weak")
 
 
@@ -135,6 +137,7 @@ class Modes:
         self._faults: dict[str, Fault] = {}
         self._odometry: Odometry | None = None
         self._phase = TrackPhase.LOST
+        self._by_legs = False
         self._good = 0  # good frames in a row
         self._doubt_since = inf  # s, first frame that was not good
         self._side = 1.0  # +1: last seen on the left
@@ -171,10 +174,11 @@ class Modes:
     def track(self, track: TrackState | None, sigma: float, now: float) -> None:
         """Take the newest track; `sigma` of its position in m, inf when unknown."""
         self._phase = TrackPhase.LOST if track is None else track.phase
+        self._by_legs = track is not None and track.by_legs
         if track is not None and self._phase is not TrackPhase.LOST and track.bearing is not None:
             self._side = copysign(1.0, track.bearing)
         sure = track is not None and track.confidence >= self.settings.min_confidence
-        if sure and self._phase is TrackPhase.CONFIRMED:
+        if sure and self._phase is TrackPhase.CONFIRMED and not self._by_legs:
             self._good += 1
             self._doubt_since = inf
             return
@@ -274,8 +278,9 @@ class Modes:
             self._go(Signal.GIVE_UP, now)
 
     def _patience(self) -> float:
-        occluded = self._phase is TrackPhase.OCCLUDED
-        return self.settings.occluded_s if occluded else self.settings.unsure_grace_s
+        if self._phase is TrackPhase.OCCLUDED:
+            return self.settings.occluded_s
+        return self.settings.by_legs_s if self._by_legs else self.settings.unsure_grace_s
 
     def _following(self, now: float) -> Permission:
         s = self.settings
@@ -285,6 +290,9 @@ class Modes:
             left = max(0.0, 1.0 - (now - self._doubt_since) / s.coast_s) if s.coast_s else 0.0
             coasting = Reason(StopReason.TARGET_LOST, "tracker", "coasting", full_stop=False)
             return Permission(True, s.occluded_speed_mps * left, 0.0, (coasting,))
+        if self._by_legs:
+            legs = Reason(StopReason.TARGET_UNSURE, "tracker", "by the legs alone", full_stop=False)
+            return Permission(True, s.by_legs_speed_mps, 0.0, (legs,))
         doubtful = Reason(StopReason.TARGET_UNSURE, "tracker", self._phase.value, full_stop=False)
         return Permission(True, s.occluded_speed_mps, 0.0, (doubtful,))
 

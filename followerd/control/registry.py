@@ -6,6 +6,8 @@ CONTROLLERS = Registry(
     "followerd.controllers",
     {
         "distance_pd": "followerd.control.distance_pd:DistancePd",
+        "heading_overwrite": "followerd.control.heading_overwrite:HeadingOverwrite",
         "image_centering": "followerd.control.image_centering:ImageCentering",
+        "stream_field": "followerd.control.stream_follow:StreamFollow",
     },
 )

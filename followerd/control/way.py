@@ -31,11 +31,15 @@ class Way:
 
     def free_turn(self, omega: float, obstacles: Obstacles) -> float:
         """The turn rate, rad/s, that can be stopped before a corner touches something."""
+        s, angle = self.settings, self.free_angle(omega, obstacles)
+        return stopping_speed(angle, s.reaction_s, radians(s.turn_deceleration_degps2))
+
+    def free_angle(self, side: float, obstacles: Obstacles) -> float:
+        """How far the robot may turn to a side (left positive), rad, and keep its margins."""
         s = self.settings
         grown = self.body.grown(s.turn_margin_m, s.turn_margin_m)
-        angles = self._contact(obstacles.points, Twist(0.0, copysign(1.0, omega)), grown)
-        angle = _soonest(angles) - radians(s.turn_margin_deg)
-        return stopping_speed(angle, s.reaction_s, radians(s.turn_deceleration_degps2))
+        angles = self._contact(obstacles.points, Twist(0.0, copysign(1.0, side)), grown)
+        return max(0.0, _soonest(angles) - radians(s.turn_margin_deg))
 
     def free_speed(self, twist: Twist, obstacles: Obstacles) -> tuple[float, str]:
         """The speed along the arc of `twist`, m/s, that keeps the margins, and what limits it.

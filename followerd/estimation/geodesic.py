@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from followerd.errors import ConfigError
 from followerd.geometry import Array
+from followerd.maps.floor import FloorMap
 
 Complex = npt.NDArray[np.complex128]
 Indices = npt.NDArray[np.intp]
@@ -50,10 +51,21 @@ class Floor:
             free &= np.abs(off - part * along) >= clearance
         for edge in (free, free.T):
             edge[:BORDER] = edge[-BORDER:] = False
-        _, parts, stats, _ = cv2.connectedComponentsWithStats(free.astype(np.uint8))
-        if len(stats) > 1:
-            free &= parts == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
-        return cls(free, corner, cell)
+        return cls(_largest(free), corner, cell)
+
+    @classmethod
+    def on(cls, floor: FloorMap, clearance: float = 0.28, cell: float = 0.1) -> "Floor":
+        """The largest connected part of a map's free floor."""
+        grid = floor.grid
+        away = cv2.distanceTransform(grid.free.astype(np.uint8), cv2.DIST_L2, 5) * grid.cell
+        rows, columns = (int(side * grid.cell / cell) for side in away.shape)
+        row, column = (
+            ((np.arange(count) + 0.5) * cell / grid.cell).astype(np.intp)
+            for count in (rows, columns)
+        )
+        free = np.pad(away[np.ix_(row, column)] >= clearance, BORDER)
+        corner = complex(*grid.origin) + (0.5 - BORDER) * cell * (1 + 1j)
+        return cls(_largest(free), corner, cell)
 
     def cells(self, z: Complex) -> Indices:
         """Flat indices (N,) of the cells of points (N,); points outside are in the border."""
@@ -104,6 +116,15 @@ class Ways:
         off = _unit(_unit(off[:, nearest]) + _unit(centres[nearest] - centres))
         direction = off.astype(np.complex64)
         return cls(floor, centres[goals], distance, direction)
+
+
+def _largest(free: Mask) -> Mask:
+    """The largest connected part of the free cells."""
+    _, parts, stats, _ = cv2.connectedComponentsWithStats(free.astype(np.uint8))
+    if len(stats) < 2:
+        return free
+    largest: Mask = parts == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
+    return largest
 
 
 def _unit(vectors: Complex) -> Complex:

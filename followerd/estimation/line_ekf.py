@@ -107,8 +107,15 @@ class LineEkf:
 
     def is_lost(self, now: float) -> bool:
         """Whether the walls in view have not been the map's for a while."""
-        since = self._unmatched_since
-        return since is not None and now - since >= self.settings.lost_after_s
+        return self.unmatched_for(now) >= self.settings.lost_after_s
+
+    def unmatched_for(self, now: float) -> float:
+        """Seconds since when the walls in view have not been the map's."""
+        return 0.0 if self._unmatched_since is None else now - self._unmatched_since
+
+    def widen(self, sigma_m: float, sigma_rad: float) -> None:
+        """Be less sure of the pose."""
+        self.P = self.P + np.diag(np.square([sigma_m, sigma_m, sigma_rad]))
 
     def _correct(self, line: Line) -> bool:
         """One sequential update with the wall that fits best; whether there was one."""

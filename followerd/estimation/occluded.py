@@ -28,6 +28,7 @@ class PursuitSettings(Settings):
     reacquire_m: float = Field(0.7, gt=0, description="somebody this far off, and none nearer")
     reacquire_step_m: float = Field(0.5, gt=0, description="between the scans that say so")
     reacquire_scans: int = Field(2, ge=1, description="how many scans have to say so")
+    reacquire_s: float = Field(0.0, ge=0, description="and for how long")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,6 +109,7 @@ class Pursuit:
         self._stamp: float | None = None
         self._seen_at = 0.0
         self._elsewhere: list[complex] = []  # candidates far off in the scans just before
+        self._elsewhere_since = 0.0  # s
 
     def start(self, at: complex, stamp: float) -> None:
         """The person stands at `at`."""
@@ -155,14 +157,19 @@ class Pursuit:
         if not far.size or not far.all():
             self._elsewhere = []
             return False
+        if not self._elsewhere:
+            self._elsewhere_since = sweep.stamp
         at = sweep.people[np.argmax(sweep.both)]
         if self._elsewhere:
             steps = np.abs(sweep.people - self._elsewhere[-1])
             at = sweep.people[steps.argmin()]
             if steps.min() > s.reacquire_step_m:
                 self._elsewhere = []
+                self._elsewhere_since = sweep.stamp
         self._elsewhere.append(complex(at))
         if len(self._elsewhere) < s.reacquire_scans:
+            return False
+        if sweep.stamp - self._elsewhere_since < s.reacquire_s:
             return False
         self.start(complex(at), sweep.stamp)
         return True

@@ -7,5 +7,6 @@ LOCALIZERS = Registry(
     {
         "scan_histogram": "followerd.localizers.scan_histogram:ScanHistogram",
         "likelihood_field": "followerd.localizers.likelihood_field:LikelihoodField",
+        "line_ekf": "followerd.localizers.line_ekf:LineLocalizer",
     },
 )

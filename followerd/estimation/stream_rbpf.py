@@ -24,9 +24,9 @@ from pydantic import Field
 
 from followerd.estimation.occluded import Complex, Sweep
 from followerd.estimation.person_filters import Cloud
-from followerd.estimation.stream_field import Floats, discs, velocity
 from followerd.geometry import Array
 from followerd.settings import Settings
+from followerd.stream_field import Floats, discs, velocity
 
 BLOCK = 256  # particles whose flow is computed at once, so that it stays in the cache
 STEP = 0.25  # s, to which the paper's noise per step refers

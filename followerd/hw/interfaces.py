@@ -42,10 +42,11 @@ class PanTilt(Sensor, Protocol):
     Each call overwrites a pending one; all are dropped while not connected.
     """
 
-    def look(self, pan: float, tilt: float) -> None:
+    def look(self, pan: float, tilt: float, rate: float | None = None) -> None:
         """Turn to `pan` (rad, left positive) and `tilt` (rad, up positive), or as far as it goes.
 
-        Both count from the head's home position.
+        Both count from the head's home position. With a `rate` (rad/s, left positive) the goal
+        moves: where the head can, it keeps pace until it is told anew.
         """
 
     def zoom(self, factor: float) -> None:

@@ -33,7 +33,7 @@ class Enrolled:
     """A person was shown to the tracker."""
 
     now: float  # s
-    frame_id: int
+    frame_id: int | None  # None: a point of a scan, not of a picture
     region: Box | tuple[float, float]
 
 

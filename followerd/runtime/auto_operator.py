@@ -1,8 +1,8 @@
 """`operator: auto`: enrols whoever stands in front of the robot, confirms and arms, once.
 
 For demonstrations and benchmarks. It knows no more than the robot does: the person is the nearest
-pair of legs in the laser inside the camera's view, and the region is a body's outline projected
-into the image.
+pair of legs in the laser inside the camera's view. A tracker of images gets a body's outline
+projected into the image, one of scans the place.
 """
 
 from math import hypot
@@ -13,16 +13,14 @@ import structlog
 from followerd import clock
 from followerd.control.mode import Action
 from followerd.errors import UsageError
-from followerd.geometry import Camera, wrap_angle
+from followerd.geometry import Camera
 from followerd.messages import Box, Image, Measurement, Scan
-from followerd.perception.clusters import ClusterSettings, find_clusters
 from followerd.perception.head_outline import head_box, nearest_head
 from followerd.runtime.daemon import Daemon
+from followerd.trackers.sweeping import person_between
 
 RETRY = 0.5  # s
 NEAREST, FARTHEST = 0.8, 4.0  # m
-STRIDE = 0.6  # m, farthest apart two legs of one standing person are
-LEG_RADIUS = 0.06  # m, from a leg's visible side to its middle
 HALF_WIDTH, TOP = 0.20, 1.0  # m, of the outline: legs and hips, what the camera keeps in view
 
 log = structlog.get_logger()
@@ -60,20 +58,23 @@ class AutoOperator:
         image = self._daemon.vision.newest
         if image is None or self._scan is None:
             return False
-        region = self._region or self._found(image, self._scan)
+        region: Box | tuple[float, float] | None = self._region or self._found(image, self._scan)
         if region is None:
             log.info("nobody in front of the robot to enrol")
             return False
+        frame_id = image.id if isinstance(region, Box) else None
         try:
-            await self._daemon.enrol(region, image.id)
+            await self._daemon.enrol(region, frame_id)
         except UsageError as error:
             log.info("cannot enrol", error=str(error))
             return False
         return True
 
-    def _found(self, image: Image, scan: Scan) -> Box | None:
-        """Who stands in front of the camera."""
+    def _found(self, image: Image, scan: Scan) -> Box | tuple[float, float] | None:
+        """Who stands in front of the camera: their outline, or their place where scans are used."""
         legs = person_ahead(scan, image.camera)
+        if self._daemon.scanning is not None:
+            return legs
         if not self._heads:
             return None if legs is None else outline(image.camera, *legs)
         return nearest_head(image) if legs is None else head_box(image, *legs)
@@ -81,19 +82,8 @@ class AutoOperator:
 
 def person_ahead(scan: Scan, camera: Camera) -> tuple[float, float] | None:
     """Where (x, y in `base`, m) the nearest standing person in the camera's view has its axis."""
-    found = find_clusters(scan, scan.points(), ClusterSettings())
-    half_view = abs(wrap_angle(camera.bearing(0.0) - camera.yaw))
-    aside = np.abs(np.angle(np.exp(1j * (found.bearing - camera.yaw))))
-    fits = found.leg_like & (found.range > NEAREST) & (found.range < FARTHEST)
-    fits &= aside < half_view
-    candidates = np.flatnonzero(fits)
-    if not candidates.size:
-        return None
-    nearest = candidates[np.argmin(found.range[candidates])]
-    gaps = np.hypot(*(found.centre[candidates] - found.centre[nearest]).T)
-    x, y = found.centre[candidates[gaps < STRIDE]].mean(axis=0)
-    longer = 1.0 + LEG_RADIUS / hypot(x, y)
-    return float(longer * x), float(longer * y)
+    left, right = camera.bearing(0.0), camera.bearing(camera.width - 1.0)
+    return person_between(scan, right, left, NEAREST, FARTHEST)
 
 
 def outline(camera: Camera, x: float, y: float) -> Box:

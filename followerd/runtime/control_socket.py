@@ -8,13 +8,16 @@ import asyncio
 import json
 import os
 from collections.abc import Awaitable, Callable
+from math import degrees
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from followerd import clock
 from followerd.control.mode import Action
 from followerd.errors import DeviceError, FollowerdError, UsageError
-from followerd.messages import Box
+from followerd.messages import Box, RobotPose
 from followerd.runtime.daemon import Daemon
 
 LONGEST_REQUEST = 4096  # bytes
@@ -102,7 +105,9 @@ async def answer(daemon: Daemon, line: bytes) -> dict[str, Any]:
             state = await daemon.enrol(region, frame)
         except FollowerdError as error:
             return _refused(str(error))
-        return {"ok": True, "box": _numbers(state.box), "confidence": round(state.confidence, 3)}
+        box, place = _numbers(state.box), _pair(state.position)
+        confidence = round(state.confidence, 3)
+        return {"ok": True, "box": box, "position_m": place, "confidence": confidence}
     if do not in ACTIONS:
         return _refused(f"unknown request {do!r}; known are {', '.join(REQUESTS)}")
     refused = daemon.act(ACTIONS[do])
@@ -130,6 +135,7 @@ def status(daemon: Daemon) -> dict[str, Any]:
             "range_m": None if track.range is None else round(track.range, 3),
             "bearing_rad": None if track.bearing is None else round(track.bearing, 4),
         },
+        **({} if daemon.pipeline.localizer is None else {"pose": _pose(decision.pose)}),
     }
 
 
@@ -165,7 +171,7 @@ def _region(value: object) -> Box | tuple[float, float]:
         return numbers[0], numbers[1]
     if len(numbers) == 4:
         return Box(*numbers)
-    raise UsageError("region is [x, y] or [x, y, width, height] in pixels")
+    raise UsageError("region is [x, y] or [x, y, width, height]")
 
 
 def _frame(value: object) -> int | None:
@@ -176,6 +182,23 @@ def _frame(value: object) -> int | None:
 
 def _numbers(box: Box | None) -> list[float] | None:
     return None if box is None else [round(v, 1) for v in (box.x, box.y, box.w, box.h)]
+
+
+def _pair(point: tuple[float, float] | None) -> list[float] | None:
+    return None if point is None else [round(v, 3) for v in point]
+
+
+def _pose(pose: RobotPose | None) -> dict[str, Any]:
+    """Where the robot is on the map."""
+    if pose is None or pose.lost:
+        return {"lost": True}
+    at = pose.map_from_base
+    return {
+        "x_m": round(at.x, 3),
+        "y_m": round(at.y, 3),
+        "yaw_deg": round(degrees(at.theta), 1),
+        "sigma_m": round(float(np.sqrt(max(pose.covariance[0, 0], pose.covariance[1, 1]))), 3),
+    }
 
 
 def _refused(error: str) -> dict[str, Any]:

@@ -9,15 +9,27 @@ from followerd.control.mode import Action
 from followerd.errors import UsageError
 from followerd.estimation.gaze import Gaze
 from followerd.hw.interfaces import Base, ExposureLock, PanTilt, Sensor
-from followerd.messages import Box, Decision, Image, Measurement, PtzState, TrackState
+from followerd.messages import (
+    Box,
+    Decision,
+    Image,
+    LookAt,
+    Measurement,
+    PtzState,
+    Scan,
+    TrackState,
+)
 from followerd.pipeline import Event, Late, Operator, Pipeline, Tick
 from followerd.record.journal import Entry, Taken
 from followerd.runtime.overheard import Hear
+from followerd.runtime.scanning import Scanning
+from followerd.runtime.shadows import Shadows
 from followerd.runtime.stats import Stats
 from followerd.runtime.supervisor import supervise
 from followerd.runtime.vision import Vision
 from followerd.trackers.interfaces import Tracker
 from followerd.trackers.looking import Looking
+from followerd.trackers.sweeping import Sweeping
 
 EARLY = 0.001  # s that a timer may fire before its time
 LATE = 0.2  # s that the loop may be held up
@@ -37,12 +49,19 @@ class Daemon:
         pipeline: Pipeline,
         image_work: float,
         head: PanTilt | None = None,
+        shadows: Shadows | None = None,
     ) -> None:
         self.base = base
         self.head = head
+        self.shadows = shadows
         self.sensors = (*sensors, head) if head else sensors
         self.pipeline = pipeline
-        looking = Looking(tracker, pipeline.ego_at, pipeline.place_at)
+        by_scans = "scan" in tracker.needs
+        sweeping = Sweeping(tracker, pipeline.ego_at) if by_scans else None
+        self.scanning = (
+            None if sweeping is None else Scanning(sweeping, self.handle, self._consumed)
+        )
+        looking = Looking(None if by_scans else tracker, pipeline.ego_at, pipeline.place_at)
         self.vision = Vision(looking, self.handle, self._consumed, image_work)
         self.stats = Stats(began=clock.now())
         self.decision: Decision | None = None
@@ -50,16 +69,21 @@ class Daemon:
         self.journal_watchers: list[Callable[[Entry], None]] = []
         self.line_watchers: list[Hear] = []  # of the devices' bytes, where the config wants them
         self.measurement_watchers: list[Callable[[Measurement], None]] = [self.stats.measured]
+        if shadows is not None:
+            self.decision_watchers.append(shadows.note)
         self._gaze = Gaze()
         self._motors = False
+        self._look: LookAt | None = None
         base.on_sent = self.stats.sent
 
     async def run(self) -> None:
         """Run until cancelled or until a device proves unusable (DeviceError)."""
         sensors = (self.base, *self.sensors)
         devices = [supervise(sensor, self.take, self.handle) for sensor in sensors]
+        beside = [] if self.shadows is None else [self.shadows.run()]
         try:
-            await clock.together(*devices, self.vision.run(), self._tick(), self.stats.watch_lag())
+            own = self.vision.run(), self._tick(), self.stats.watch_lag()
+            await clock.together(*devices, *own, *beside)
         finally:
             self.stats.finish(clock.now())
 
@@ -80,6 +104,8 @@ class Daemon:
             self._gaze.note(aimed)
         elif aimed is not None:
             self.handle(aimed)
+            if self.scanning is not None and isinstance(aimed, Scan):
+                self.scanning.take(aimed, self.pipeline.pose)
 
     def handle(self, event: Event) -> Decision:
         """One event through the pipeline, and its command to the base."""
@@ -92,6 +118,7 @@ class Daemon:
             self.base.enable_motors(decision.motors)
         self.stats.decided(decision)  # before it is sent, so that a stop is timed
         self.base.drive(decision.command)
+        self._turn_head(decision.look)
         if self.decision is None or decision.mode is not self.decision.mode:
             reasons = [str(reason) for reason in decision.reasons]
             log.info("mode", mode=decision.mode.value, reasons=reasons)
@@ -103,13 +130,22 @@ class Daemon:
     async def enrol(
         self, region: Box | tuple[float, float], frame_id: int | None = None
     ) -> TrackState:
-        """Enrol a person; he must be confirmed before arming. Raises UsageError."""
+        """Enrol a person; he must be confirmed before arming. Raises UsageError.
+
+        A point for a tracker of scans is in m, in `base`, unless `frame_id` says in which picture.
+        """
         refused = self.handle(Operator(Action.ENROL)).refused
         if refused:
             raise UsageError(refused)
-        state = await self.vision.enrol(region, frame_id)
+        if self.scanning is None:
+            state = await self.vision.enrol(region, frame_id)
+        else:
+            in_picture = isinstance(region, Box) or frame_id is not None
+            image = self.vision.frame(frame_id) if in_picture else None
+            state = self.scanning.enrol(region, image)
         self._lock_exposure(True)
-        log.info("enrolled", box=state.box, confidence=round(state.confidence, 2))
+        where = state.position if state.box is None else state.box
+        log.info("enrolled", at=where, confidence=round(state.confidence, 2))
         return state
 
     def act(self, action: Action, session: str = "") -> str:
@@ -123,6 +159,12 @@ class Daemon:
     def _consumed(self, entry: Entry) -> None:
         for watch in self.journal_watchers:
             watch(entry)
+
+    def _turn_head(self, look: LookAt | None) -> None:
+        """Only what is new: a head that is told again would be stopped for it."""
+        if self.head is not None and look is not None and look != self._look:
+            self.head.look(look.pan, look.tilt, look.rate)
+        self._look = look
 
     def _lock_exposure(self, locked: bool) -> None:
         """The person's colours must stay as they were learned."""

@@ -79,9 +79,15 @@ class Vision:
         """The newest frame that was given to the tracker."""
         return self._looking.newest
 
+    def frame(self, frame_id: int | None) -> Image:
+        """The frame of that id, None: the newest. Raises UsageError when it is gone."""
+        return self._looking.find(frame_id)[0]
+
     async def _track(self, image: Image) -> None:
         async with self._busy:
             seen = self._looking.take(image)
+            if not self._looking.tracks:
+                return
             self._consumed(Looked(clock.now(), image.id, *seen[1:]))
             track = await self._call(partial(self._looking.step, seen))
         self._deliver(Tracked(image.stamp, image.received, image.id, track))

@@ -11,7 +11,7 @@ import numpy as np
 
 from followerd.errors import ConfigError
 from followerd.geometry import wrap_angle
-from followerd.sim.scenarios import Mover, Outfit, Person, draw
+from followerd.sim.scenarios import Arc, Mover, Outfit, Person, draw
 
 TICK = 0.02  # s, grid of the tabulated motion
 ACCELERATION = 0.7  # m/s2, of a person setting off or stopping
@@ -129,6 +129,8 @@ def legs(motion: Motion, height: float, above: float) -> list[tuple[float, float
 
 def _way(mover: Mover, rng: np.random.Generator) -> Iterator[Motion]:
     """The motion on the grid of TICK, for ever."""
+    if mover.arc is not None:
+        yield from _around(mover.arc, draw(mover.start_after_s, rng), rng)
     stops = [(draw(stop.x_m, rng), draw(stop.y_m, rng)) for stop in mover.path]
     facing = radians(draw(mover.facing_deg, rng))
     wait = draw(mover.start_after_s, rng)
@@ -180,6 +182,27 @@ def _walk_along(
             yield from _stand(motion, pause)
             speed = 0.0
     return motion
+
+
+def _around(arc: Arc, wait: float, rng: np.random.Generator) -> Iterator[Motion]:
+    """To and fro on a circle, for ever."""
+    radius, start = draw(arc.radius_m, rng), radians(draw(arc.start_deg, rng))
+    side = 1.0 if rng.random() < 0.5 else -1.0
+    angle, rate, phase = start, 0.0, float(rng.uniform(0.0, tau))
+    wanted, left = 0.0, wait
+    while True:
+        turned = angle - start
+        if left <= 0.0 or (wanted * turned > 0 and abs(turned) > radians(arc.within_deg)):
+            side = -side
+            wanted = side * radians(draw(arc.rate_dps, rng))
+            left = draw(arc.reversal_s, rng)
+        change = radians(arc.accel_dps2) * TICK
+        rate += min(change, max(-change, wanted - rate))
+        angle, left = angle + rate * TICK, left - TICK
+        speed = abs(rate) * radius
+        phase += pi * speed * TICK / step_length(speed)
+        x, y = arc.x_m + radius * cos(angle), arc.y_m + radius * sin(angle)
+        yield Motion(x, y, wrap_angle(angle + copysign(0.5 * pi, side)), speed, phase)
 
 
 class _Line:

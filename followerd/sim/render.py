@@ -24,6 +24,7 @@ from followerd.sim.canvas import (
     flatten,
 )
 from followerd.sim.figure import Figure
+from followerd.sim.gain import Gain
 from followerd.sim.people import Motion, Pedestrian, Walker
 from followerd.sim.place import outline
 from followerd.sim.scenarios import Ball, Block, Look, Scenario, Wall, draw
@@ -33,7 +34,7 @@ LARGEST = 4.0e6  # px of one texture; larger surfaces are coarser
 TALLEST, WIDEST = 2.1, 0.7  # m, no walker reaches beyond
 NOISE_SPARE = 64  # px by which a noise tile is larger than the image
 DRIFT_TIME = 5.0  # s, correlation of the exposure's drift
-WALL_HEAT, BOX_HEAT, FLOOR_HEAT, BALL_HEAT = 62, 70, 55, 75
+WALL_HEAT, FLOOR_HEAT = 62, 55
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +60,7 @@ class Renderer:
         self._columns = _columns(scenario, rng)
         self._figures = [Figure(w, rng) if isinstance(w, Pedestrian) else None for w in walkers]
         self._balls = [
-            (w.mover.radius_m, Texture(textures.ball(w.mover.colour), BALL_HEAT))
+            (w.mover.radius_m, Texture(textures.ball(w.mover.colour), w.mover.heat))
             if isinstance(w.mover, Ball)
             else None
             for w in walkers
@@ -67,6 +68,7 @@ class Renderer:
         self._shadow = Texture(textures.shadow(), 0)
         self._level = draw(scenario.light.level, rng)
         self._drift, self._lit_at = 0.0, 0.0
+        self._gain = None if scenario.auto_gain is None else Gain(scenario.auto_gain, rng)
         self._noise: dict[tuple[int, int, int], tuple[Pixels, Pixels]] = {}
         self._empty: tuple[tuple[Camera, Pose2, Spectrum], Canvas] | None = None
         self._last: tuple[Shot, Canvas] | None = None
@@ -83,7 +85,8 @@ class Renderer:
         """A thermal picture (H, W): persons bright, the building dark, no outer light."""
         heat = np.ascontiguousarray(self._draw(shot, "heat").pixels[..., :1])
         blurred = self._blurred(heat[..., 0], shot.camera.fx * omega * self._light.exposure_s)
-        return self._noisy(blurred[..., None])[..., 0]
+        seen = self._noisy(blurred[..., None])[..., 0]
+        return seen if self._gain is None else self._gain.applied(seen, shot.time)
 
     def depth(self, shot: Shot) -> npt.NDArray[np.float32]:
         """Depth (H, W) along the optical axis, m; nan = nothing there."""
@@ -288,18 +291,18 @@ def _block_sheets(block: Block, rng: np.random.Generator) -> list[Sheet]:
         colour = textures.surface(block.look, length, high, DENSITY, rng)
         lit = textures.lit(colour, atan2(-along[0], along[1]))
         sheets.append(
-            _sheet((ax, ay, block.bottom_m), along, (0, 0, 1), length, high, lit, BOX_HEAT, True)
+            _sheet((ax, ay, block.bottom_m), along, (0, 0, 1), length, high, lit, block.heat, True)
         )
     yaw = radians(block.yaw_deg)
     along, left = (cos(yaw), sin(yaw), 0.0), (-sin(yaw), cos(yaw), 0.0)
     flat = textures.surface(block.look, block.length_m, block.width_m, DENSITY, rng)
     size = block.length_m, block.width_m
-    sheets.append(_sheet((*corners[0], block.height_m), along, left, *size, flat, BOX_HEAT, True))
+    sheets.append(_sheet((*corners[0], block.height_m), along, left, *size, flat, block.heat, True))
     if block.bottom_m > 0.0:
         dark = (flat * 0.5).astype(np.uint8)
         back = (-along[0], -along[1], 0.0)
         sheets.append(
-            _sheet((*corners[1], block.bottom_m), back, left, *size, dark, BOX_HEAT, True)
+            _sheet((*corners[1], block.bottom_m), back, left, *size, dark, block.heat, True)
         )
     return sheets
 
@@ -315,7 +318,7 @@ def _columns(scenario: Scenario, rng: np.random.Generator) -> list[Part]:
                 (column.x_m, column.y_m, 0.0),
                 2 * column.radius_m,
                 0.0,
-                Texture(colour, BOX_HEAT),
+                Texture(colour, column.heat),
                 nearer=column.radius_m,
             )
         )

@@ -43,6 +43,9 @@ class Look(Settings):
     colour: Colour = "#c8c4bc"
 
 
+Heat = Annotated[int, Field(ge=0, le=255, description="grey level in thermal images")]
+
+
 class Wall(Settings):
     """Upright walls along a line of points; seen from both sides."""
 
@@ -66,6 +69,7 @@ class Block(Settings):
     height_m: float = Field(gt=0, description="top above the floor")
     bottom_m: float = Field(0.0, ge=0)
     look: Look = Look(texture="wood", colour="#9a7b55")
+    heat: Heat = 70
 
     @model_validator(mode="after")
     def _top_above_bottom(self) -> "Block":
@@ -82,6 +86,7 @@ class Column(Settings):
     radius_m: float = Field(gt=0)
     height_m: float = Field(gt=0)
     look: Look = Look()
+    heat: Heat = 70
 
 
 class Cloth(Settings):
@@ -111,16 +116,36 @@ class Stop(Settings):
     pause_s: Span = 0.0
 
 
+class Arc(Settings):
+    """To and fro around a point, for ever: a target that turns back suddenly (Motai's)."""
+
+    x_m: float = 0.0
+    y_m: float = 0.0
+    radius_m: Span = 2.5
+    start_deg: Span = 0.0
+    rate_dps: Span = Field((12.0, 25.0), description="as seen from the point")
+    accel_dps2: float = Field(60.0, gt=0)
+    reversal_s: Span = Field((1.2, 2.2), description="time between two reversals")
+    within_deg: float = Field(180.0, gt=0, description="turns back at this far from the start")
+
+
 class Mover(Settings):
     """What persons and balls share: a way to go."""
 
     name: str
     target: bool = False
-    path: tuple[Stop, ...] = Field(min_length=1)
+    path: tuple[Stop, ...] = ()
+    arc: Arc | None = Field(None, description="instead of a path")
     facing_deg: Span = Field(0.0, description="where the path has one point only")
     start_after_s: Span = 4.0
     loop: bool = False
     corner_radius_m: float = Field(0.5, gt=0)
+
+    @model_validator(mode="after")
+    def _goes_one_way(self) -> "Mover":
+        if bool(self.path) is (self.arc is not None):
+            raise ValueError("give either a path or an arc")
+        return self
 
 
 class Person(Mover):
@@ -146,6 +171,7 @@ class Ball(Mover):
 
     radius_m: float = Field(0.12, gt=0)
     colour: Colour = "#c81e1e"
+    heat: Heat = 75
 
 
 class Robot(Settings):
@@ -169,6 +195,14 @@ class Light(Settings):
     exposure_s: float = Field(0.012, ge=0, description="shutter time, for motion blur")
 
 
+class AutoGain(Settings):
+    """A thermal camera that changes its gain and offset by itself, suddenly."""
+
+    jumps_s: Span = Field((4.0, 9.0), description="time between two jumps")
+    gain: Span = Field((0.75, 1.25), description="after a jump, over that at the start")
+    offset: Span = Field((-20.0, 20.0), description="same, grey levels")
+
+
 class Scenario(Settings):
     """Everything about a world but its seed."""
 
@@ -183,6 +217,7 @@ class Scenario(Settings):
     ceiling: Look | None = Look(colour="#d8d6d0")
     ceiling_m: float = Field(2.5, gt=0)
     light: Light = Light()
+    auto_gain: AutoGain | None = Field(None, description="of a thermal camera; default: steady")
     robot: Robot = Robot()
     walls: tuple[Wall, ...] = ()
     boxes: tuple[Block, ...] = ()

@@ -1,9 +1,10 @@
 """What a tracker is to the pipeline."""
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from followerd.geometry import Pose2
-from followerd.messages import Box, Image, Odometry, Place, Scan, TrackState
+from followerd.maps.floor import FloorMap
+from followerd.messages import Box, Image, Odometry, Place, RobotPose, Scan, TrackState
 
 
 class Tracker(Protocol):
@@ -35,3 +36,17 @@ class Tracker(Protocol):
 
     def forget(self) -> None:
         """Drop the enrolled person."""
+
+
+@runtime_checkable
+class MapTracker(Tracker, Protocol):
+    """A tracker that thinks on a map; its config must have a localizer."""
+
+    def enter(self, floor: FloorMap) -> None:
+        """Learn the map, before anything else."""
+
+    def locate(self, pose: RobotPose | None, ego: Pose2 | None) -> None:
+        """Where the robot is at the scan that comes next; None = not known.
+
+        `ego` is `odom_from_base` then.
+        """

@@ -19,14 +19,20 @@ class Looking:
 
     def __init__(
         self,
-        tracker: Tracker,
+        tracker: Tracker | None,
         ego_at: Callable[[float], Pose2 | None],
         place_at: Callable[[float], Place | None],
     ) -> None:
+        """Without a `tracker` pictures are only kept, to be clicked on."""
         self._tracker = tracker
         self._ego_at = ego_at
         self._place_at = place_at
         self._history: deque[Seen] = deque(maxlen=HISTORY)
+
+    @property
+    def tracks(self) -> bool:
+        """Whether there is a tracker."""
+        return self._tracker is not None
 
     @property
     def newest(self) -> Image | None:
@@ -41,7 +47,7 @@ class Looking:
 
     def step(self, seen: Seen) -> TrackState | None:
         """Let the tracker look; may take a while."""
-        return self._tracker.step(*seen)
+        return None if self._tracker is None else self._tracker.step(*seen)
 
     def find(self, frame_id: int | None) -> Seen:
         """A frame taken up a moment ago; None: the newest. Raises UsageError when it is gone.
@@ -67,6 +73,8 @@ class Looking:
 
         Raises UsageError when the frame shows nothing to learn; may take a while.
         """
+        if self._tracker is None:
+            raise UsageError("nobody is followed in images here")
         image, ego, _ = seen
         state = self._tracker.enrol(image, region, ego)
         for after in self.later(image.id):

@@ -1,7 +1,7 @@
 """Motai, Jha and Kruse's tracker (2012): a direction foreseen by Kalman filter or optical flow.
 
-Grey, thermal or colour images; made for thermal ones. Who of several warm people is followed is
-decided by a vote of their looks (ofkf_finder), which the paper lacks.
+For thermal images (recordings may be of any kind: they are taken as grey). Who of several warm
+people is followed is decided by a vote of their looks (ofkf_finder), which the paper lacks.
 """
 
 from math import exp, hypot, inf, radians
@@ -10,8 +10,9 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from followerd.estimation.arbitration import Kind, Look, Predictor, predictor
+from followerd.estimation.direction import Look, Predictor
 from followerd.estimation.pan_flow import Pair, pixels
+from followerd.estimation.predictors import Kind, predictor
 from followerd.geometry import Array, Pose2
 from followerd.messages import Box, Image, Odometry, Place, Scan, TrackPhase, TrackState
 from followerd.perception.flow import Flow, Halves, body_flow, halves
@@ -48,7 +49,6 @@ class OfkfSettings(Settings):
     predictor: Kind | None = Field(
         None, description="foresees the direction; null is imm_pda, and ofkf in profile paper"
     )
-    shadows: tuple[Kind, ...] = Field((), description="predictors that only run alongside")
     look_sigma_deg: float = Field(0.3, gt=0, le=10, description="noise of a seen direction")
     coast_s: float = Field(1.0, gt=0, le=5, description="a person unseen for longer is lost")
 
@@ -64,7 +64,8 @@ class Ofkf:
     Settings = OfkfSettings
 
     needs = frozenset({"image"})
-    sees = frozenset({"colour", "depth", "thermal"})
+    # a person's grey levels are their temperature; in visible light it would follow a lamp's
+    sees = frozenset({"thermal"})
 
     def __init__(self, settings: OfkfSettings, rng: np.random.Generator) -> None:
         self.settings = settings
@@ -85,13 +86,12 @@ class Ofkf:
         self._heard: tuple[float, bool] | None = None  # px, another sensor's column; seen there
         self._metric_size: float | None = None  # px at 1 m
         self._ranger = Ranger()
-        self._predictors: dict[Kind, Predictor] = {}
+        self._predictor: Predictor | None = None
 
-    def foresee(self, dt: float) -> dict[Kind, Pair]:
-        """What each predictor, shadows included, says of the direction (pan, tilt), rad, of the
-        enrolled person `dt` s after the last image."""
-        gap = self._stamp - self._looked + dt
-        return {kind: one.ahead(gap) for kind, one in self._predictors.items()}
+    def foresee(self, dt: float) -> Pair:
+        """Direction (pan, tilt), rad, of the enrolled person `dt` s after they were last seen."""
+        assert self._predictor is not None
+        return self._predictor.ahead(dt)
 
     def enrol(
         self, image: Image, region: Box | tuple[float, float], ego: Pose2 | None
@@ -158,8 +158,7 @@ class Ofkf:
     def _start(self, image: Image) -> None:
         """Predictors begin anew where the person is seen now."""
         sigma = radians(self.settings.look_sigma_deg)
-        kinds = dict.fromkeys((self.settings.leading, *self.settings.shadows))
-        self._predictors = {kind: predictor(kind, sigma, self._rng) for kind in kinds}
+        self._predictor = predictor(self.settings.leading, sigma, self._rng)
         self._take(image, None)
 
     def _take(self, image: Image, flow: Pair | None, ahead: float = 0.0) -> None:
@@ -168,8 +167,8 @@ class Ofkf:
         look = Look(
             image.stamp, x, y, head.pan, head.tilt, camera.fx, flow, ahead, self._depth
         )  # fmt: skip
-        for one in self._predictors.values():
-            one.step(look)
+        assert self._predictor is not None
+        self._predictor.step(look)
         self._looked = image.stamp
 
     def _expected(
@@ -180,7 +179,7 @@ class Ofkf:
         assert finder is not None
         # an unseen person is less and less likely to go on as they did
         gap = COASTED * (1.0 - exp(-(self._stamp - self._looked) / COASTED))
-        direction = self._predictors[self.settings.leading].ahead(gap)
+        direction = self.foresee(gap)
         x, y = pixels(direction, head.pan, head.tilt, camera.fx)
         foreseen = np.array([x + camera.cx + 0.5, y + camera.cy + 0.5])
         share = FORESEEN

@@ -9,5 +9,6 @@ TRACKERS = Registry(
         "hpf": "followerd.trackers.hpf:Hpf",
         "legs": "followerd.trackers.legs:Legs",
         "ofkf": "followerd.trackers.ofkf:Ofkf",
+        "stream_field": "followerd.trackers.stream_field:StreamFieldTracker",
     },
 )

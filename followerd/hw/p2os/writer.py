@@ -35,6 +35,7 @@ BURST = 60  # bytes that may be sent at once
 RESERVE = 18  # bytes of them kept for setpoints when something is passed on
 FASTEST_LINE = 38400  # baud; beyond, the firmware (a command each 3 to 5 ms) is the limit
 EPSILON = 1e-9  # s
+COMMAND = 3  # place of a packet's command number
 
 
 class Channel(Enum):
@@ -229,6 +230,11 @@ class Writer:
                     Channel.TRANSLATE: setpoint(Cmd.VEL, round(1000 * _clipped(v, speed))),
                     Channel.ROTATE: setpoint(Cmd.RVEL, round(degrees(_clipped(omega, turn)))),
                 }
+            case TurnBy(angle, v, added=True) if isfinite(v) and isfinite(angle):
+                return {
+                    Channel.TRANSLATE: setpoint(Cmd.VEL, round(1000 * _clipped(v, speed))),
+                    Channel.ROTATE: command(Cmd.DHEAD, round(degrees(wrap_angle(angle)))),
+                }
             case TurnBy(angle, v) if isfinite(v) and isfinite(angle) and self._status is not None:
                 heading = round(degrees(wrap_angle(self._status.heading + angle)))
                 return {
@@ -250,7 +256,10 @@ class Writer:
     def _wanted_at(self, channel: Channel, data: bytes) -> float:
         """Since when a setpoint should be on the wire (again)."""
         sent = self._sent.get(channel)
-        return -inf if sent is None or sent[0] != data else sent[1] + REPEAT
+        if sent is None or sent[0] != data:
+            return -inf
+        # said again, a turn that is added would be added again
+        return inf if data[COMMAND] == Cmd.DHEAD else sent[1] + REPEAT
 
     def _changed(self, wanted: dict[Channel, bytes]) -> Iterable[bool]:
         return (self._wanted_at(channel, data) == -inf for channel, data in wanted.items())

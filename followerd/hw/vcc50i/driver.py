@@ -37,10 +37,10 @@ class Vcc50i:
         self._homes = settings.home_at_start  # unasked, until it has worked once
         self._asked = asyncio.Event()
 
-    def look(self, pan: float, tilt: float) -> None:
-        """Turn to `pan`, `tilt` (rad), or as far as it goes; dropped while not connected."""
+    def look(self, pan: float, tilt: float, rate: float | None = None) -> None:
+        """See hw.interfaces.PanTilt."""
         if self._head is not None:
-            self._head.look(pan, tilt)
+            self._head.look(pan, tilt, rate)
             self._asked.set()
 
     def zoom(self, factor: float) -> None:

@@ -5,9 +5,14 @@ import structlog
 from followerd import clock
 from followerd.errors import LinkLost
 from followerd.hw.interfaces import Sink
+from followerd.hw.vcc50i.chase import Chase
+from followerd.hw.vcc50i.chase import Goal as Moving
 from followerd.hw.vcc50i.commands import (
+    LEFTWARD,
     POSITION,
     POSITION_DIGITS,
+    RIGHTWARD,
+    STEP,
     STOP,
     STOP_ZOOM,
     TURNING,
@@ -16,6 +21,7 @@ from followerd.hw.vcc50i.commands import (
     Status,
     move,
     pan_angle,
+    pan_speed,
     pan_steps,
     position_of,
     tilt_angle,
@@ -53,6 +59,8 @@ class Head:
         self._device = device
         self._turn = Pursuit(NEAR, REACHED)
         self._lens = Pursuit(0, ZOOM_REACHED)
+        self._chase = Chase(speeds[0], limits.pan)
+        self._pan_speed = self._speed_told = speeds[0]  # steps/s
         self._gate = PositionGate((limits.pan, limits.tilt), speeds, SLACK)
         self._lens_gate = PositionGate(((0, limits.zoom_tele),), (ZOOM_SPEED,), ZOOM_SLACK)
         self._knows_home = False
@@ -62,12 +70,18 @@ class Head:
         self._at: tuple[int, int] | None = None
         self._zoom: int | None = None
 
-    def look(self, pan: float, tilt: float) -> None:
-        """Turn to `pan`, `tilt` (rad), or as far as it goes."""
+    def look(self, pan: float, tilt: float, rate: float | None = None) -> None:
+        """Turn to `pan`, `tilt` (rad), or as far as it goes; keep pace with a goal of a `rate`."""
         aims = zip(
             (pan_steps(pan), tilt_steps(tilt)), (self._limits.pan, self._limits.tilt), strict=True
         )
-        self._turn.want(tuple(min(max(aim, low), high) for aim, (low, high) in aims))
+        goal = tuple(min(max(aim, low), high) for aim, (low, high) in aims)
+        self._chase.goal = None
+        if rate is None or self._at is None or abs(goal[1] - self._at[1]) > NEAR:
+            self._turn.want(goal)
+            return
+        self._turn.give_up()
+        self._chase.goal = Moving(goal[0], -rate / STEP, clock.now())
 
     def zoom(self, factor: float) -> None:
         """Zoom to `factor` times the widest focal length."""
@@ -159,6 +173,8 @@ class Head:
 
     def _goals(self) -> list[Goal]:
         """What it may be on its way to; a resting head stays, a moving one goes anywhere."""
+        if self._chase.goal is not None or self._chase.told:
+            return []
         return self._turn.told or ([] if self.moves or self._at is None else [self._at])
 
     # Telling
@@ -170,13 +186,46 @@ class Head:
         moved, goal = self.moves, self._turn.due(self._at, moves=self.moves)
         self.moves = moved or goal is not None
         sink(self._state(self._at, self._zoom, stamp))
-        if goal is not None:
+        if self._chase.goal is not None:
+            await self._keep_pace(self._at[0], stamp)
+        elif goal is not None:
+            await self._end_chase()
             if moved:
                 await self._session.tell(STOP)
             await self._tell(self._turn, goal, move(*goal), STOP)
         if zoomed := self._lens.due((self._zoom,), moves=self._zooms):
             await self._tell(self._lens, zoomed, zoom(*zoomed), STOP_ZOOM)
             self._zooms = True
+
+    async def _keep_pace(self, pan: int, stamp: float) -> None:
+        chase = self._chase
+        speed = chase.speed(pan, stamp, clock.now())
+        if not chase.is_news(speed):
+            return
+        turns = speed * chase.told <= 0
+        if turns and self.moves:
+            await self._session.tell(STOP)
+            chase.told = 0
+        if speed:
+            await self._set_speed(abs(speed))
+        if speed and turns:
+            run = RIGHTWARD if speed > 0 else LEFTWARD
+            try:
+                await self._session.tell(run)
+            except Busy:
+                await self._session.tell(STOP)
+                await self._session.tell(run)
+            self.moves = True
+        chase.told = speed
+
+    async def _end_chase(self) -> None:
+        self._chase.told = 0
+        await self._set_speed(self._pan_speed)
+
+    async def _set_speed(self, steps: int) -> None:
+        if steps != self._speed_told:
+            await self._session.tell(pan_speed(steps))
+            self._speed_told = steps
 
     async def _tell(self, pursuit: Pursuit, goal: Goal, request: Request, stop: Request) -> None:
         """Tell it a goal; while it still goes for another, stop it first."""

@@ -263,9 +263,7 @@ class P2osTwin:
                 motion.set_turn(radians(value))
             case Cmd.HEAD:
                 motion.turn_to(radians(value))
-            case Cmd.DHEAD:
-                motion.turn_to(self.chassis.heading + radians(value))
-            case Cmd.DCHEAD:
+            case Cmd.DHEAD | Cmd.DCHEAD:  # to the control point, as SIPs report it
                 goal = motion.heading_goal
                 motion.turn_to(radians(value) + (self.chassis.heading if goal is None else goal))
             case Cmd.VEL2:

@@ -1,0 +1,113 @@
+"""Which legs in a scan are the followed person's, and whose the others are.
+
+Scan by scan: legs that come in from outside the gate stay somebody else's.
+"""
+
+from dataclasses import dataclass
+from math import atan2, dist, hypot, inf, radians
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from followerd.geometry import Pose2, wrap_angle
+from followerd.messages import Clusters
+from followerd.settings import Settings
+
+
+class OwnLegsSettings(Settings):
+    """What the legs of one person look like, and what hides them."""
+
+    leg_radius_m: float = Field(0.05, ge=0, description="from a leg's visible side to its middle")
+    leg_width_m: float = Field(0.2, gt=0, description="widest that one leg looks")
+    stride_m: float = Field(0.7, gt=0, description="farthest apart two legs of one person are")
+    cone_deg: float = Field(7.0, gt=0, description="half width of the bearing cone for legs")
+    before_m: float = Field(0.35, gt=0, description="nearer than the person: somebody else's legs")
+    hides_m: float = Field(0.25, gt=0, description="aside of the line of sight, that still hide")
+    others_m: float = Field(1.0, ge=0, description="beyond the reach of the person's own legs")
+    leap_m: float = Field(0.15, gt=0, description="farthest that a leg moves between two scans")
+    max_hidden_s: float = Field(
+        1.0, ge=0, description="behind somebody's legs the person is foreseen, not looked for"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """Where the legs are looked for, from `base`."""
+
+    bearing: float  # rad
+    distance: float | None = None  # m; None = nothing is known but the direction
+    reach: float = inf  # m, off that place
+
+
+class OwnLegs:
+    """The person's legs and the others' near them, when last seen."""
+
+    def __init__(self, settings: OwnLegsSettings) -> None:
+        self.settings = settings
+        self.forget()
+
+    def forget(self) -> None:
+        """Nobody's legs are known."""
+        self.seen_at = -inf  # s
+        self.hidden = False  # by somebody else's legs, in the newest scan
+        self.alone = False  # nobody else's were in reach in the newest scan
+        self._own: list[tuple[float, float]] = []  # m in `odom`
+        self._others: list[tuple[float, float]] = []  # m in `odom`, not farther than `others_m`
+
+    def find(self, clusters: Clusters, base: Pose2, expected: Expected) -> npt.NDArray[np.intp]:
+        """The one or two clusters that are the person's legs; `base` is `odom_from_base` then.
+
+        Nearest to the expected place within the gate, and none while somebody else's legs stand
+        before it; with no expectation the nearest of the cone, for whoever stood before the person
+        would hide them from the camera too.
+        """
+        s = self.settings
+        fits: list[tuple[float, int]] = []
+        others: list[tuple[float, float]] = []
+        crowd = 0
+        self.hidden = False
+        if clusters.stamp - self.seen_at > s.max_hidden_s:
+            self._others = []
+        for k in clusters.leg_like.nonzero()[0].tolist():
+            near = clusters.range.item(k)
+            distance = near + s.leg_radius_m
+            angle = abs(wrap_angle(clusters.bearing.item(k) - expected.bearing))
+            aside = near * angle
+            in_cone = angle < radians(s.cone_deg) + atan2(0.5 * s.stride_m, max(near, 0.3))
+            known = expected.distance
+            off = distance + aside if known is None else hypot(distance - known, aside)
+            if off > expected.reach + s.others_m:
+                continue
+            point = base.apply_point(*clusters.centre[k].tolist())
+            if off > expected.reach or self._was_anothers(point, clusters.width.item(k)):
+                others.append(point)
+                crowd += off <= expected.reach
+            elif in_cone:
+                fits.append((off, k))
+            if known is not None and known - distance > s.before_m and aside < s.hides_m:
+                self.hidden = True
+        self._others = others
+        if self.hidden:
+            self.alone = False
+            return np.empty(0, np.intp)
+        found = np.array([k for _, k in sorted(fits)], np.intp)
+        if found.size:
+            gaps = np.hypot(*(clusters.centre[found] - clusters.centre[found[0]]).T)
+            found = found[gaps < s.stride_m][:2]
+            self._own = [base.apply_point(*centre) for centre in clusters.centre[found].tolist()]
+            self.seen_at = clusters.stamp
+        self.alone = not crowd and found.size == len(fits)
+        return found
+
+    def is_hidden(self, stamp: float) -> bool:
+        """Whether the person has just gone behind somebody else's legs."""
+        return self.hidden and stamp - self.seen_at <= self.settings.max_hidden_s
+
+    def _was_anothers(self, point: tuple[float, float], width: float) -> bool:
+        """Whether a leg at `point` in odom was somebody else's in the last scan, or touches one."""
+        theirs = min((dist(point, other) for other in self._others), default=inf)
+        if theirs > self.settings.leap_m + 0.5 * width:
+            return False
+        is_several = width > self.settings.leg_width_m
+        return is_several or all(dist(point, own) > theirs for own in self._own)
