@@ -13,7 +13,6 @@ from cyclopts import Parameter
 from rich.progress import Progress
 
 from followerd import config as configs
-from followerd.bench.laser import LaserRecording
 from followerd.bench.laser_track import (
     LASER_COLUMNS,
     follow_scans,
@@ -24,6 +23,7 @@ from followerd.bench.laser_track import (
 )
 from followerd.bench.overlay import draw
 from followerd.bench.recorded import camera_of, images, open_source
+from followerd.bench.scan_logs import open_log
 from followerd.bench.scores import read_people, read_truth
 from followerd.bench.track import (
     Step,
@@ -64,9 +64,9 @@ def track(
     Parameters
     ----------
     source
-        A folder of images (or one with the images in img/), or a video file; for legs an .npz
-        file of scans (t, ranges, angle_min, angle_inc) or a folder with scans.npz, and with
-        odom.csv.gz where there is odometry.
+        A folder of images (or one with the images in img/), or a video file; for legs a CARMEN
+        log, an .npz file of scans (t, ranges, angle_min, angle_inc) or a folder with scans.npz,
+        and with odom.csv.gz where there is odometry.
     tracker
         Its kind, or kind/profile: hpf, hpf/paper, legs.
     init
@@ -148,7 +148,7 @@ def _in_scans(
     truth: Path | None,
     out: Path,
 ) -> dict[str, object]:
-    recording = LaserRecording(source, parse_mount(laser) if laser is not None else None)
+    recording = open_log(source, parse_mount(laser) if laser is not None else None)
     point = parse_point(init) if init is not None else None
     labels = None
     if truth is not None:
