@@ -135,7 +135,7 @@ def test_the_check_picture_shows_walls_and_the_way(floor: Path) -> None:
 
 
 def test_matching_finds_the_way_that_odometry_lost(tmp_path: Path) -> None:
-    truth = written(tmp_path / "raw.log", corrected=False, every=2)
+    truth = written(tmp_path / "raw.log", corrected=False, every=3)
     steps = list(CarmenLog(tmp_path / "raw.log"))
 
     found = matched_poses(steps, Quiet())
