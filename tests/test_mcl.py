@@ -254,7 +254,7 @@ def test_the_search_of_the_field_finds_the_place(floor: FloorMap) -> None:
     pose = Pose2(0.7, 1.3, 2.2)
     sensor.see(scan_at(pose), None)
     found = sensor.search(50, np.random.default_rng(0))
-    assert share_near(found, pose) > 5.0 * share_near(sensor.anywhere(2000, RNG), pose)
+    assert share_near(found[:, :2], pose) >= 0.5  # the room is nearly its own mirror image
 
 
 @given(st.integers(1, 8))
