@@ -21,7 +21,7 @@ from followerd.estimation.scan_match import Field, Shape, Window
 from followerd.geometry import Array, Pose2, wrap_angle
 from followerd.maps.files import load
 from followerd.messages import RobotPose, Scan
-from tests.laser_scenes import scan_of
+from tests.laser_scenes import legs, scan_of
 
 # a ring of corridors around a block, with niches that tell its sides apart
 OUTER = [
@@ -65,13 +65,15 @@ def drifting(poses: list[Pose2], rng: np.random.Generator) -> list[Pose2]:
     return odometry
 
 
-def written(path: Path, *, corrected: bool = True, every: int = 1) -> list[Pose2]:
+def written(
+    path: Path, *, corrected: bool = True, every: int = 1, people: Array = NONE
+) -> list[Pose2]:
     """A CARMEN log of that way; returns where the robot really was."""
     rng = np.random.default_rng(5)
     poses = way()[::every]
     lines = []
     for k, (pose, odometry) in enumerate(zip(poses, drifting(poses, rng), strict=True)):
-        scan = scan_of(NONE, walls=SEGMENTS, step_deg=1.0, pose=pose, rng=rng)
+        scan = scan_of(people, walls=SEGMENTS, step_deg=1.0, pose=pose, rng=rng)
         ranges = " ".join(f"{r:.3f}" if np.isfinite(r) else "81.91" for r in scan.ranges[:180])
         first = pose if corrected else odometry
         both = " ".join(f"{p.x:.6f} {p.y:.6f} {p.theta:.6f}" for p in (first, odometry))
@@ -133,7 +135,7 @@ def test_the_check_picture_shows_walls_and_the_way(floor: Path) -> None:
 
 
 def test_matching_finds_the_way_that_odometry_lost(tmp_path: Path) -> None:
-    truth = written(tmp_path / "raw.log", corrected=False, every=2)
+    truth = written(tmp_path / "raw.log", corrected=False, every=3)
     steps = list(CarmenLog(tmp_path / "raw.log"))
 
     found = matched_poses(steps, Quiet())
@@ -380,3 +382,15 @@ def test_turning_a_world_turns_what_is_found() -> None:
         steps.append((match.pose.x, match.pose.y, match.pose.theta))
     assert steps[0] == pytest.approx((0.3, 0.05, 0.1), abs=0.02)
     assert steps[1] == pytest.approx(steps[0], abs=0.02)
+
+
+def test_a_person_is_tracked_in_a_carmen_log(tmp_path: Path) -> None:
+    path, out = tmp_path / "x.log", tmp_path / "x.csv"
+    poses = written(path, every=9, people=legs((2.5, 1.0), 0.0))
+    assert (
+        call(["track", str(path), "--tracker", "legs", "--init", "1.5,0", "--out", str(out)]) == 0
+    )
+    rows = rows_of(out)
+    assert len(rows) == len(poses)
+    assert {row["frame"] for row in rows} == {"odom"}
+    assert rows[0]["status"] == "tracked"

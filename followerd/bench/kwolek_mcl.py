@@ -27,7 +27,7 @@ from followerd.localizers.scan_histogram import ScanHistogram, ScanHistogramSett
 from followerd.maps.distance_field import DistanceField
 from followerd.maps.floor import FloorMap
 from followerd.maps.scan_table import Progress, build
-from followerd.maps.table_cache import table_for
+from followerd.maps.table_cache import keep, table_for
 
 FIRST_SEED = 4000  # seeds below serve for tuning
 LEAST_SEEDS = 200
@@ -178,9 +178,9 @@ def cost(tracker: str) -> list[Row]:
         size, built, loaded = field.far.nbytes + field.free.nbytes, perf_counter() - began, None
     else:
         with bar(f"{tracker}: table") as progress:
-            size = build(grid, settings.shape, progress).counts.nbytes
-        built = perf_counter() - began
-        table_for(grid, settings.shape)
+            table = build(grid, settings.shape, progress)
+        size, built = table.counts.nbytes, perf_counter() - began
+        keep(table, grid, settings.shape)
         began = perf_counter()
         table_for(grid, settings.shape)
         loaded = perf_counter() - began

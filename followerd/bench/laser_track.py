@@ -7,8 +7,8 @@ from time import perf_counter
 
 import numpy as np
 
-from followerd.bench.laser import LaserRecording, LaserStep
-from followerd.bench.recorded_source import RecordedScans
+from followerd.bench.laser import LaserStep
+from followerd.bench.scan_logs import ScanLog
 from followerd.bench.scores import score_places
 from followerd.bench.track import STATUS
 from followerd.errors import UsageError
@@ -113,7 +113,7 @@ def labelled(people: dict[int, Array], start: int, point: Point | None) -> tuple
 
 
 def follow_scans(
-    tracker: Tracker, recording: LaserRecording | RecordedScans, point: Point, start: int = 0
+    tracker: Tracker, recording: ScanLog, point: Point, start: int = 0
 ) -> Iterator[LaserRow]:
     """Enrol who stands at `point` (m, laser) in scan `start`, then step through what follows.
 

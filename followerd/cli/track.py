@@ -13,7 +13,6 @@ from cyclopts import Parameter
 from rich.progress import Progress
 
 from followerd import config as configs
-from followerd.bench.laser import LaserRecording
 from followerd.bench.laser_track import (
     LASER_COLUMNS,
     follow_scans,
@@ -24,7 +23,7 @@ from followerd.bench.laser_track import (
 )
 from followerd.bench.overlay import draw
 from followerd.bench.recorded import camera_of, images, open_source
-from followerd.bench.recorded_source import RecordedScans, is_recording
+from followerd.bench.scan_logs import open_log
 from followerd.bench.scores import read_people, read_truth
 from followerd.bench.track import (
     Step,
@@ -40,7 +39,6 @@ from followerd.bench.video import VideoWriter
 from followerd.cli.summary import print_result, write_result
 from followerd.config import Config
 from followerd.errors import UsageError
-from followerd.geometry import Pose2
 from followerd.trackers.interfaces import Tracker
 
 T = TypeVar("T")
@@ -67,9 +65,9 @@ def track(
     ----------
     source
         A folder of images (or one with the images in img/), a video file, a recording (*.mcap) or
-        a ROS 1 or 2 bag; for legs one of the latter two, or an .npz file of scans (t, ranges,
-        angle_min, angle_inc) or a folder with scans.npz, and with odom.csv.gz where there is
-        odometry.
+        a ROS 1 or 2 bag; for legs one of the latter two, a CARMEN log, an .npz file of scans (t,
+        ranges, angle_min, angle_inc) or a folder with scans.npz, and with odom.csv.gz where there
+        is odometry.
     tracker
         Its kind, or kind/profile: hpf, hpf/paper, legs.
     init
@@ -151,7 +149,7 @@ def _in_scans(
     truth: Path | None,
     out: Path,
 ) -> dict[str, object]:
-    recording = _scans(source, parse_mount(laser) if laser is not None else None)
+    recording = open_log(source, parse_mount(laser) if laser is not None else None)
     point = parse_point(init) if init is not None else None
     labels = None
     if truth is not None:
@@ -162,10 +160,6 @@ def _in_scans(
         rows = follow_scans(tracker, recording, point, start)
         shown = _shown(rows, progress, recording.count - start)
         return summarise_scans(write_csv(out, shown, LASER_COLUMNS), labels)
-
-
-def _scans(source: Path, mount: Pose2 | None) -> LaserRecording | RecordedScans:
-    return RecordedScans(source) if is_recording(source) else LaserRecording(source, mount)
 
 
 def _shown(steps: Iterable[T], progress: Progress, total: int) -> Iterator[T]:

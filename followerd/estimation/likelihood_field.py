@@ -23,10 +23,13 @@ FARTHEST = 2.0  # m from a wall, beyond which all is alike
 SEARCH_CELL = 0.2  # m
 SEARCH_SIGMA = 0.25  # m
 SEARCH_STEP = radians(3.0)
-SEARCH_BEAMS = 40
+SEARCH_BEAMS = 30
 SEARCH_RANGE = 12.0  # m; farther ends are moved too much by half a step
-BEST = 3000  # cells of place and heading that a search keeps
-TRIES = 4  # poses in a cell for each one kept
+BEST = 1000  # places that a search keeps
+CROWD = 100_000  # cells of place and heading among which they are found
+APART = (4, 4, 5)  # cells of x, y and heading, of which one is kept
+TRIES = 4  # poses around each one kept
+SHRINKING = (1.0, 0.5, 0.25, 0.12)  # cells around it, try by try
 
 Picture = TypeVar("Picture", npt.NDArray[np.float32], npt.NDArray[np.bool_])
 
@@ -36,8 +39,8 @@ class FieldSettings(Settings):
 
     beams: int = Field(100, ge=10, description="of a scan, evenly chosen of those with an echo")
     sigma_m: float = Field(0.07, gt=0, description="deviation of an echo from the map's wall")
-    stray_share: float = Field(0.05, gt=0, lt=1, description="echoes from what is not on the map")
-    trust: float = Field(0.3, gt=0, le=1, description="exponent: neighbouring beams err alike")
+    stray_share: float = Field(0.2, gt=0, lt=1, description="echoes from what is not on the map")
+    trust: float = Field(0.35, gt=0, le=1, description="exponent: neighbouring beams err alike")
     max_range_m: float = Field(30.0, gt=0, description="farther echoes are not used")
     near_m: float = Field(0.15, gt=0, description="from a wall, of an echo that the map explains")
 
@@ -80,12 +83,20 @@ class FieldSensor:
         return float((far < self.settings.near_m).mean())
 
     def search(self, count: int, rng: np.random.Generator) -> Array:
-        """See Sensor: of several poses in each of the best cells, by their likelihood."""
-        cells = self._coarse.best(self._points)
-        tries = self._coarse.within(cells[:, rng.integers(0, cells.shape[1], TRIES * count)], rng)
-        log = self.log_likelihood(tries)
-        best = log.argpartition(-count)[-count:]
-        return tries[:, best]
+        """See Sensor: one pose for each of the best places, brought nearer to the walls."""
+        poses = self._coarse.best(self._points)
+        log = self.log_likelihood(poses)
+        reach = np.array([[self._coarse.cell], [self._coarse.cell], [SEARCH_STEP]])
+        for share in SHRINKING:
+            off = share * reach[:, :, None] * rng.uniform(-1.0, 1.0, (*poses.shape, TRIES))
+            tries = poses[:, :, None] + off
+            logs = self.log_likelihood(tries.reshape(3, -1)).reshape(-1, TRIES)
+            k, each = logs.argmax(axis=1), np.arange(len(log))
+            better = logs[each, k] > log
+            poses = np.where(better, tries[:, each, k], poses)
+            log = np.where(better, logs[each, k], log)
+        order = log.argsort()[::-1][:count]
+        return poses[:, order[np.arange(count) % order.size]]
 
     def anywhere(self, count: int, rng: np.random.Generator) -> Array:
         """See Sensor."""
@@ -126,16 +137,19 @@ class Coarse:
         self._score = np.round(255.0 * np.exp(-0.5 * (far / SEARCH_SIGMA) ** 2)).astype(np.uint16)
         self._j, self._i = np.nonzero(field.free[middle, middle])
 
-    def best(self, points: Array) -> npt.NDArray[np.intp]:
-        """The BEST cells (3, K) of x, y and heading for end points (N, 2)."""
+    def best(self, points: Array) -> Array:
+        """Up to BEST poses (3, K) for end points (N, 2), each the best of its surroundings."""
         points = points[np.hypot(points[:, 0], points[:, 1]) < SEARCH_RANGE]
         if len(points) > SEARCH_BEAMS:
             points = points[np.linspace(0, len(points) - 1, SEARCH_BEAMS).astype(np.intp)]
         scores = np.stack([self._scores(points, theta) for theta in self.headings.tolist()])
-        keep = min(BEST, scores.size)
-        best = scores.ravel().argpartition(-keep)[-keep:]
-        heading, place = np.unravel_index(best, scores.shape)
-        return np.stack([self._i[place], self._j[place], heading])
+        crowd = min(CROWD, scores.size)
+        chosen = scores.ravel().argpartition(-crowd)[-crowd:]
+        chosen = chosen[scores.ravel()[chosen].argsort(kind="stable")[::-1]]
+        heading, place = np.unravel_index(chosen, scores.shape)
+        cells = np.stack([self._i[place], self._j[place], heading])
+        _, first = np.unique(cells // np.array([APART]).T, axis=1, return_index=True)
+        return self._middles(cells[:, np.sort(first)[:BEST]])
 
     def _scores(self, points: Array, theta: float) -> Array:
         """Sums (K,) over the points for all free cells at one heading."""
@@ -151,17 +165,18 @@ class Coarse:
                 np.add(here, self._score[y0 + j : y1 + j, x0 + i : x1 + i], out=here)
         return total[self._j, self._i]
 
-    def within(self, cells: npt.NDArray[np.intp], rng: np.random.Generator) -> Array:
-        """Poses (3, N) somewhere in cells (3, N)."""
-        off = rng.uniform(0.0, 1.0, cells.shape)
-        x, y = (cells[:2] + off[:2]) * self.cell + np.array([self.origin]).T
-        return np.stack([x, y, (cells[2] + off[2] - 0.5) * SEARCH_STEP])
-
     def anywhere(self, count: int, rng: np.random.Generator) -> Array:
         """Poses (3, count) on the free floor."""
         place = rng.integers(0, self._i.size, count)
         heading = rng.integers(0, self.headings.size, count)
-        return self.within(np.stack([self._i[place], self._j[place], heading]), rng)
+        middles = self._middles(np.stack([self._i[place], self._j[place], heading]))
+        off = rng.uniform(-0.5, 0.5, middles.shape)
+        return middles + np.array([[self.cell], [self.cell], [SEARCH_STEP]]) * off
+
+    def _middles(self, cells: npt.NDArray[np.intp]) -> Array:
+        """Poses (3, N) of cells (3, N)."""
+        x, y = (cells[:2] + 0.5) * self.cell + np.array([self.origin]).T
+        return np.stack([x, y, cells[2] * SEARCH_STEP])
 
 
 def _bordered(picture: Picture, value: float) -> Picture:

@@ -24,6 +24,7 @@ from followerd.settings import Settings
 
 START_M, START_RAD = 0.1, radians(3.0)  # deviation of a start that was told
 FIT_MEMORY = 0.1  # of the usual fit, per update
+HALVINGS = 10  # to find a power
 FEWEST_BEAMS = 10  # a scan with fewer echoes says nothing
 
 
@@ -57,11 +58,15 @@ class MclSettings(Settings):
     injected_share: float = Field(0.02, ge=0, le=0.5, description="drawn anew when resampling")
     shake_m: float = Field(0.08, ge=0, description="of unlikely particles after resampling")
     shake_deg: float = Field(5.0, ge=0)
+    least_effective: float = Field(
+        0.02, ge=0, le=0.5, description="share of the particles that one scan must leave"
+    )
     cubes: int = Field(8, ge=1, description="best particles tried as middle of the estimate")
-    misfit: float = Field(0.8, ge=0, le=1, description="fit below which a search is worth while")
+    misfit: float = Field(0.7, ge=0, le=1, description="fit below which a search is worth while")
     misfit_drop: float = Field(0.07, gt=0, le=1, description="below the usual fit, likewise")
     misfit_updates: int = Field(1, ge=1, description="in a row, before one is made")
     search_pause: int = Field(3, ge=0, description="updates from one search to the next")
+    search_gain: float = Field(0.0, ge=0, le=1, description="of the fit, or it found nothing")
     search_weight: float = Field(0.3, gt=0, lt=1, description="of all that a search found")
     sure_share: float = Field(0.8, ge=0, le=1, description="of the weight near the estimate")
     sure_updates: int = Field(3, ge=1, description="in a row, before the pose is relied on")
@@ -119,20 +124,18 @@ class Mcl:
             self.poses = self._seeded(s.particles, s.seeded_share)
         if self._misfits >= s.misfit_updates:
             self._search()
-        likelihood = self.sensor.log_likelihood(self.poses)
-        likelihood = np.exp(likelihood - likelihood.max())
-        self.weights = self.weights * likelihood
-        total = float(self.weights.sum())
-        if total < 1e-300:  # the cloud is nowhere near: the scan alone decides
-            self.weights, total = likelihood, float(likelihood.sum())
-        self.weights /= total
+        log = self.sensor.log_likelihood(self.poses)
+        log -= log.max()
+        is_sure = self._sure >= s.sure_updates
+        least = 0.0 if is_sure else s.least_effective * log.size
+        self.weights = tempered(self.weights, log, least)
         pose, share = cube_estimate(self.poses, self.weights, s.cubes)
         spread = covariance(self.poses, self.weights, pose)
         fits = self._fits(self.sensor.fit(pose))
         self._misfits = 0 if fits else self._misfits + 1
         self._sure = min(self._sure + 1, s.sure_updates) if fits and share > s.sure_share else 0
         if 1.0 / float(self.weights @ self.weights) < 0.5 * self.weights.size:
-            self._resample(likelihood)
+            self._resample(np.exp(log))
         lost = self._sure < s.sure_updates
         return RobotPose(stamp, pose, pose @ ~ego, spread, lost)
 
@@ -151,16 +154,21 @@ class Mcl:
         return np.concatenate([*found, self.sensor.anywhere(count - best, self._rng)], axis=1)
 
     def _search(self) -> None:
-        """The lighter half of the cloud is replaced by what fits best anywhere on the map."""
+        """What fits the scan much better elsewhere replaces the lighter half of the cloud."""
         s = self.settings
         assert self.poses is not None
+        self._misfits = -s.search_pause
         half = self.weights.size // 2
+        found = self._seeded(half, s.seeded_share)
+        best = found[:, self.sensor.log_likelihood(found).argmax()]
+        here, _ = cube_estimate(self.poses, self.weights, s.cubes)
+        if self.sensor.fit(Pose2(*best.tolist())) < self.sensor.fit(here) + s.search_gain:
+            return
         light = self.weights.argpartition(half)[:half]
-        self.poses[:, light] = self._seeded(half, s.seeded_share)
+        self.poses[:, light] = found
         self.weights[light] = 0.0
         self.weights *= (1.0 - s.search_weight) / float(self.weights.sum())
         self.weights[light] = s.search_weight / half
-        self._misfits = -s.search_pause
 
     def _resample(self, likelihood: Array) -> None:
         s, n = self.settings, self.weights.size
@@ -175,3 +183,22 @@ class Mcl:
             picked = self._rng.integers(0, n, injected)
             self.poses[:, picked] = self.sensor.anywhere(injected, self._rng)
         self.weights = np.full(n, 1.0 / n)
+
+
+def tempered(weights: Array, log_likelihood: Array, least: float) -> Array:
+    """Weights (N,) times the likelihood, or the power of it that leaves `least` effective ones.
+
+    One scan that a wrong pose explains a little better must not end the right one.
+    """
+    kept, low, high, power = weights, 0.0, 1.0, 1.0
+    for _ in range(HALVINGS):
+        product: Array = weights * np.exp(power * log_likelihood)
+        product /= product.sum()
+        if 1.0 / float(product @ product) >= least:
+            kept, low = product, power
+            if power == 1.0:
+                break
+        else:
+            high = power
+        power = 0.5 * (low + high)
+    return kept

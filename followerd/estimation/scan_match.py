@@ -27,6 +27,7 @@ TOLERANCE = 0.08  # m, beyond which a return hardly counts
 NEAR = 0.3  # m, beyond which it is none of the surface's
 CORRELATED = 10.0  # returns on one surface tell this much less than as many on others
 PENALTY = 0.01  # share of the returns that a deviation of one sigma must better
+TAIL = 20.0  # squared deviations from where on a greater one costs little more
 ELSEWHERE = 0.7  # m from the best place
 FEWEST = 20  # returns of a scan that can be matched
 ITERATIONS, STILL = 15, 1e-4  # m and rad of the last step
@@ -65,8 +66,9 @@ class Window:
 
     def penalty(self, dx: Array, dy: Array, turn: Array) -> Array:
         """By which a pose that far off is disliked, as a share of the returns."""
-        place = (dx * dx + dy * dy) / self.sigma**2
-        off: Array = PENALTY * (place + (turn / self.turn_sigma) ** 2)
+        squared = (dx * dx + dy * dy) / self.sigma**2 + (turn / self.turn_sigma) ** 2
+        # heavy tails: an odometry that slipped has slipped by any amount
+        off: Array = PENALTY * squared / (1.0 + squared / TAIL)
         return off
 
 
@@ -186,7 +188,10 @@ class Field:
     ) -> tuple[Pose2, Array]:
         """Gauss-Newton on the distances to the surfaces, with the expectation as a prior."""
         x = np.array([pose.x, pose.y, pose.theta])
-        prior, information = window.information, np.zeros((3, 3))
+        slip = x - (expected.x, expected.y, expected.theta)
+        slip[2] = wrap_angle(float(slip[2]))
+        squared = float(slip @ window.information @ slip)
+        prior, information = window.information / (1.0 + squared / TAIL) ** 2, np.zeros((3, 3))
         for _ in range(ITERATIONS):
             off, normals, arms = self._residuals(points, Pose2(*x.tolist()))
             J = np.column_stack([normals, (normals * arms).sum(axis=1)])

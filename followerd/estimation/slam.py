@@ -189,5 +189,5 @@ def _window(moved: Pose2) -> Window:
     """How far the odometry of a step may be off."""
     way, turn = hypot(moved.x, moved.y), abs(moved.theta)
     return Window(
-        0.2 + 0.3 * way, radians(6.0) + 0.3 * turn, 0.03 + 0.06 * way, radians(1.5) + 0.1 * turn
+        0.3 + 0.3 * way, radians(6.0) + 0.3 * turn, 0.03 + 0.06 * way, radians(1.5) + 0.1 * turn
     )

@@ -19,9 +19,12 @@ class LikelihoodFieldSettings(FieldSettings, MclSettings):
     injected_share: float = Field(0.0, ge=0, le=0.5, description="drawn anew when resampling")
     shake_m: float = Field(0.02, ge=0, description="of unlikely particles after resampling")
     shake_deg: float = Field(0.5, ge=0)
-    misfit: float = Field(0.65, ge=0, le=1, description="fit below which a search is worth while")
+    misfit: float = Field(0.5, ge=0, le=1, description="fit below which a search is worth while")
     misfit_drop: float = Field(0.25, gt=0, le=1, description="below the usual fit, likewise")
+    search_gain: float = Field(0.15, ge=0, le=1, description="of the fit, or it found nothing")
+    search_weight: float = Field(0.1, gt=0, lt=1, description="of all that a search found")
     misfit_updates: int = Field(2, ge=1, description="in a row, before one is made")
+    sure_updates: int = Field(2, ge=1, description="in a row, before the pose is relied on")
     fine: FineSettings | None = Field(None, description="lines for the fine pose; {} to have them")
 
 

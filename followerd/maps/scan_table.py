@@ -23,7 +23,7 @@ HEADING_STEP = 2 * pi / HEADINGS  # rad
 LEVELS = 1024  # of a range in the look-up tables
 BLOCK = 1024  # places counted at a time: they and their table stay in the cache
 REACH_PERCENTILE = 95
-COARSEST = 0.25  # m; a table of wider cells tells no places apart
+COARSEST = 0.3  # m; a table of wider cells tells no places apart
 
 Bytes = npt.NDArray[np.uint8]
 Indices = npt.NDArray[np.intp]
@@ -101,8 +101,9 @@ def stride_of(grid: OccupancyGrid, shape: TableShape) -> int:
     stride = 1
     while free / stride**2 * shape.row_bytes > shape.max_bytes:
         stride += 1
-    if stride > 1 and stride * grid.cell > COARSEST:
-        need = free * (grid.cell / COARSEST) ** 2 * shape.row_bytes / 1e6
+    if stride > 1 and stride * grid.cell > COARSEST + 1e-6:
+        coarsest = max(int(COARSEST / grid.cell + 1e-6), 1)
+        need = free / coarsest**2 * shape.row_bytes / 1e6
         raise ConfigError(
             f"localizer: the map's {free * grid.cell**2:.0f} m² of floor need {need:.0f} MB of "
             f"scan histograms, {shape.max_bytes / 1e6:.0f} are allowed: raise max_table_mb or use "

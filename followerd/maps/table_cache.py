@@ -42,11 +42,18 @@ def table_for(
     name = (folder or cache_dir()) / key_of(grid, shape)
     kept = _read(name, grid, shape, stride)
     if kept is None:
-        _write(name, build(grid, shape, progress))
+        keep(build(grid, shape, progress), grid, shape, folder)
         kept = _read(name, grid, shape, stride)
         if kept is None:
             raise UsageError(f"{name}.npy: what was written cannot be read again; delete it")
     return kept
+
+
+def keep(
+    table: ScanTable, grid: OccupancyGrid, shape: TableShape, folder: Path | None = None
+) -> None:
+    """Store a table for the next time; raises UsageError."""
+    _write((folder or cache_dir()) / key_of(grid, shape), table)
 
 
 def key_of(grid: OccupancyGrid, shape: TableShape) -> str:
