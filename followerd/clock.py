@@ -55,17 +55,21 @@ async def within(seconds: float, what: Coroutine[Any, Any, T]) -> T | None:
 
 
 async def together(*parts: Coroutine[Any, Any, object]) -> None:
-    """Run all parts; the first failure cancels the others and is raised as it is."""
+    """Run all parts; the first failure cancels the others and is raised as it is.
+
+    Cancelled from outside it ends, whatever the parts then raise: a device whose line goes dead in
+    that moment must not keep the rest alive. (A TaskGroup would raise what it raised instead.)
+    """
+    tasks = [asyncio.ensure_future(part) for part in parts]
     try:
-        async with asyncio.TaskGroup() as tasks:
-            for part in parts:
-                tasks.create_task(part)
-    except BaseExceptionGroup as group:
-        task = asyncio.current_task()
-        if task is not None and task.cancelling():
-            # a part that fails while it is cancelled must not keep the rest alive
-            raise asyncio.CancelledError from None
-        raise group.exceptions[0] from None
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_EXCEPTION)
+        failed = [task for task in tasks if task.done() and not task.cancelled()]
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+    for task in failed:
+        task.result()
 
 
 async def until_signal(
