@@ -4,5 +4,8 @@ from followerd.registry import Registry
 
 CONTROLLERS = Registry(
     "followerd.controllers",
-    {"image_centering": "followerd.control.image_centering:ImageCentering"},
+    {
+        "image_centering": "followerd.control.image_centering:ImageCentering",
+        "fuzzy_gears": "followerd.control.fuzzy_gears:FuzzyGears",
+    },
 )

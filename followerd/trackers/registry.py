@@ -8,5 +8,6 @@ TRACKERS = Registry(
         "hpf": "followerd.trackers.hpf:Hpf",
         "legs": "followerd.trackers.legs:Legs",
         "ofkf": "followerd.trackers.ofkf:Ofkf",
+        "patches": "followerd.trackers.patches:Patches",
     },
 )
