@@ -1,20 +1,24 @@
 """Recorded frames as images with a camera model."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from followerd.config import Config
 from followerd.geometry import Camera
 from followerd.hw.camera.files import Recording, open_recording
+from followerd.hw.camera.rgbd import RgbdFolder
 from followerd.hw.camera.settings import CameraSettings
 from followerd.messages import Image
 
 
 def open_source(path: Path) -> Recording:
-    """A video, a folder of images, or a folder with the images in `img/`.
+    """A video, a folder of images, one with the images in `img/`, or one with `rgb/` and `depth/`.
 
     Raises UsageError or DeviceError when it cannot be opened.
     """
+    if (path / "rgb").is_dir() and (path / "depth").is_dir():
+        return RgbdFolder(path)
     inner = path / "img"
     return open_recording(inner if inner.is_dir() else path)
 
@@ -23,7 +27,12 @@ def camera_of(recording: Recording, config: Config | None) -> Camera:
     """The config's camera, or a usual one, at the recording's size."""
     settings = config.camera if config is not None else CameraSettings()
     size = {"width": recording.width, "height": recording.height}
-    return CameraSettings(**(settings.model_dump(include={"hfov_deg", "mount"}) | size)).camera
+    camera = CameraSettings(**(settings.model_dump(include={"hfov_deg", "mount"}) | size)).camera
+    lens = recording.lens if isinstance(recording, RgbdFolder) else None
+    if lens is None:
+        return camera
+    fx, fy, cx, cy = lens
+    return replace(camera, fx=fx, fy=fy, cx=cx, cy=cy)
 
 
 def images(recording: Recording, camera: Camera) -> Iterator[Image]:

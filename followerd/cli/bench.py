@@ -7,17 +7,18 @@ from cyclopts import Parameter
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from followerd.bench import follow, motai, speed, tseng, zhuang
+from followerd.bench import follow, jia, motai, speed, tseng, zhuang
 from followerd.bench.report import write_html
 from followerd.bench.rows import Row, table, write_json
 from followerd.bench.sweep import executor
 from followerd.errors import UsageError
 
-Suite = Literal["zhuang", "tseng", "motai", "follow", "speed"]
+Suite = Literal["zhuang", "tseng", "motai", "jia", "follow", "speed"]
 SUITES = {
     "zhuang": zhuang.suite,
     "tseng": tseng.suite,
     "motai": motai.suite,
+    "jia": jia.suite,
     "follow": follow.suite,
     "speed": speed.suite,
 }
@@ -34,7 +35,8 @@ def bench(
     html: Path | None = None,
 ) -> None:
     """Run benchmark suites: zhuang (the tracker on rendered images), tseng (a person hidden by
-    boards, in scans), motai (predictors of a turning target), follow (the whole daemon in closed
+    boards, in scans), motai (predictors of a turning target), jia (patches in images with
+    depth, their filter and follow law), follow (the whole daemon in closed
     loop), speed (time per frame).
 
     Parameters

@@ -64,11 +64,12 @@ def track(
     Parameters
     ----------
     source
-        A folder of images (or one with the images in img/), or a video file; for legs an .npz
-        file of scans (t, ranges, angle_min, angle_inc) or a folder with scans.npz, and with
+        A folder of images (or one with the images in img/), or a video file; for patches a folder
+        with rgb/, depth/ (16-bit, mm) and calib.json where depth is to be registered; for legs an
+        .npz file of scans (t, ranges, angle_min, angle_inc) or a folder with scans.npz, and with
         odom.csv.gz where there is odometry.
     tracker
-        Its kind, or kind/profile: hpf, hpf/paper, legs.
+        Its kind, or kind/profile: hpf, hpf/paper, patches, legs.
     init
         The person at the start: X,Y,W,H or a point X,Y in px; for legs X,Y in m in the laser's
         frame (x forward, y left). Default: from the truth.

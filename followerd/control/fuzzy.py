@@ -6,6 +6,7 @@ and weighted mean (Sugeno).
 """
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -73,7 +74,7 @@ class Rules(Settings):
 def load(name: str) -> Rules:
     """Shipped rules by name, or a YAML file (*.yaml); raises ConfigError."""
     if name.endswith((".yaml", ".yml")):
-        return settings.load(name, Rules)
+        return settings.load(Path(name), Rules)
     known = sorted(path.stem for path in shipped("fuzzy").glob("*.yaml"))
     if name not in known:
         raise ConfigError(f"controller: no rules {name}; there are {', '.join(known)}")

@@ -36,6 +36,13 @@ class FuzzyGearsSettings(Settings):
     max_turn_radps: float = Field(1.5, gt=0, description="wheels are slowed together to keep it")
     max_wheel_mps: float = Field(1.2, gt=0, description="wheels are slowed together to keep it")
 
+    @property
+    def top_speed(self) -> float:
+        """Fastest of the profile, m/s."""
+        return (
+            min(PAPER_SPEED, self.max_speed_mps) if self.profile == "paper" else self.max_speed_mps
+        )
+
 
 class FuzzyGears:
     """Wheel speeds on the arc to the person."""
@@ -55,10 +62,9 @@ class FuzzyGears:
         x, y = target.range * cos(target.bearing), target.range * sin(target.bearing)
         vx, vy = target.velocity
         k = s.max_gain * self.gear.at(y, vy)
+        v = s.top_speed * self.speed.at(x, vx)
         if s.profile == "paper":
-            v = min(PAPER_SPEED, s.max_speed_mps) * self.speed.at(x, vx)
             return self._wheels(v, v * k * _curvature(x, y))
-        v = s.max_speed_mps * self.speed.at(x, vx)
         gate = min(max((x - s.stop_m) / (s.full_m - s.stop_m), 0.0), 1.0)
         v *= gate
         if v > 0.0:

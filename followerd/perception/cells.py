@@ -31,7 +31,8 @@ class CellHistograms:
     """Counts of bins within `mask`, for any rectangle of whole cells.
 
     `images` (H, W) hold bins, of which each has `bins`; their histograms lie one after another.
-    `left`, `top` is where the images lie in the frame, px. They hold until the buffers are used anew.
+    `left`, `top` is where the images lie in the frame, px. The counts hold until the buffers are
+    used anew.
     """
 
     def __init__(

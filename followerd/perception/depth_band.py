@@ -51,7 +51,7 @@ def modes(depth: Depth, box: Box, least: float = LEAST_MASS) -> list[Mode]:
     found = []
     for i in _peaks(mass, least):
         middle = (i + 0.5) * BIN
-        inside = near[np.abs(near - middle) < HALF_BAND]
+        inside = near[np.abs(near - middle) < HALF_BAND + 0.5 * BIN]
         found.append(Mode(float(np.median(inside)), float(inside.size / seen.size)))
     return found
 

@@ -19,8 +19,8 @@ THIN = 0.05  # m, a row that shows less of a body has none
 GAP = 0.1  # m of missing rows that are bridged
 
 
-def outline(depth: Depth, seed: Box, middle: float, camera: Camera) -> Box:
-    """`seed`, made as tall as the body at depth `middle` (m) that it lies on.
+def outline(depth: Depth, seed: Box, middle: float, camera: Camera, downward: bool = False) -> Box:
+    """`seed`, made as high, or as tall, as the body at depth `middle` (m) that it lies on.
 
     Rows are added as long as they show some of that depth, but not as much as a floor does.
     """
@@ -33,7 +33,8 @@ def outline(depth: Depth, seed: Box, middle: float, camera: Camera) -> Box:
     body = (width > THIN) & (width < WIDTH[1])
     top, bottom = int(max(seed.y, 0)), min(int(seed.y + seed.h), depth.shape[0]) - 1
     top = _reached(body, top, -1, GAP * metre)
-    bottom = _reached(body, bottom, 1, GAP * metre)
+    if downward:
+        bottom = _reached(body, bottom, 1, GAP * metre)
     return Box(seed.x, top, seed.w, bottom + 1 - top)
 
 

@@ -6,6 +6,7 @@ by a ratio of histograms, has no meaning); the depth is looked for around where 
 
 from dataclasses import dataclass, replace
 from enum import Enum
+from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -15,7 +16,7 @@ from followerd.geometry import Array
 from followerd.messages import Box, Image
 from followerd.perception.cells import Buffers
 from followerd.perception.depth_band import Band, Depth, crop, modes, person_mode
-from followerd.perception.depth_people import bodies, outline
+from followerd.perception.depth_people import bodies
 from followerd.perception.patches import (
     PatchModel,
     PatchSettings,
@@ -25,20 +26,16 @@ from followerd.perception.patches import (
     box_of,
     confidence,
 )
-from followerd.perception.region import region_of
 from followerd.perception.spot import Spot, in_base, row
+from followerd.perception.whole_person import whole
 from followerd.settings import Settings
 
-TALL = 1.7  # m, of a person who is not seen from head to foot
-SEED = (0.3, 0.5)  # m, of the part of a person that is clicked at
 SLIM = 0.27  # of the height: no person is taken to be narrower
-BROAD = 0.5  # m, of a person who was clicked at
-USUAL_DEPTH = 2.5  # m, where there is none
-EDGE = 3.0  # px from the image's border: a box that near is cut off
 TORSO = 0.6  # share of the box, from its top, whose middle column is the person's
 THIN = 0.1  # of the box's width: a row that shows more of the person is theirs
+HIGHEST = 0.05  # of the box's height, that depth may miss of the head
 CELLS = 24  # across a box, about
-DARKEST = 2.5  # times brighter or darker than first, light is made up for
+SUDDEN = 1.5  # times brighter or darker than last, light is made up for
 LEAST_PIXELS = 50  # that tell how bright the person is
 WIDEST = 2.5  # times the usual search, for who was not seen for a while
 UNKNOWN = 0.7  # share of a box without depth: sunlight
@@ -77,6 +74,15 @@ class Sight:
     box: Box | None = None  # of the whole person, inside the image or not
     spot: Spot | None = None
     by_depth: bool = True  # False: the depth was told by the size
+    is_whole: bool = True  # nothing hides a part of them
+
+
+class Shown(NamedTuple):
+    """What boxes show, in which band, and by how much the image was made brighter."""
+
+    view: View
+    band: Band
+    gain: float
 
 
 class PatchDetector:
@@ -93,10 +99,12 @@ class PatchDetector:
         self.settings = settings
         self._paper = paper
         self._buffers = Buffers()
-        self._bright: float | None = None  # grey levels of the person in the light of the first look
+        self._bright: float | None = (
+            None  # grey levels of the person in the light of the first look
+        )
         self._gain = 1.0  # that gives the person those again
         depth = self._depth(image)
-        box, middle = _enrolled(image, depth, region)
+        box, middle = whole(image, depth, region)
         metre = image.camera.fy / middle  # px
         self.height = box.h / metre  # m
         self.width = max(box.w / metre, SLIM * self.height)  # m; who is seen from the side turns
@@ -108,7 +116,10 @@ class PatchDetector:
         if shown is None:
             raise UsageError("there is nothing to learn in that box; draw it around the person")
         kernel = depth is None or not settings.depth_mask
-        self.model = PatchModel(shown[0], settings.patch, paper, kernel)
+        self.model = PatchModel(shown.view, settings.patch, paper, kernel)
+        top = shown.band.top_row(at, THIN * at.w) if depth is not None else None
+        # what depth misses of the head, in heights
+        self._brim = 0.0 if top is None else min(max((top - at.y) / at.h, -HIGHEST), HIGHEST)
 
     def look(
         self, image: Image, expected: Spot, gate: float, dt: float, rng: np.random.Generator
@@ -132,8 +143,7 @@ class PatchDetector:
         shown = self._shown(image, depth, middle, boxes)
         if shown is None:
             return Sight(Found.NOTHING)
-        view, band = shown
-        verdict = self.model.judge(view, occlusion=s.occlusion)
+        verdict = self.model.judge(shown.view, occlusion=s.occlusion)
         best = int(verdict.score.argmax())
         hidden = float(verdict.hidden[best]) if s.occlusion else 0.0
         if hidden > s.patch.partial:
@@ -142,12 +152,13 @@ class PatchDetector:
             return Sight(Found.HIDDEN)
         if not accepted(verdict, best, s.patch, s.patch.passing):
             return Sight(Found.HIDDEN if hidden > s.patch.partial else Found.NOTHING)
-        if hidden <= s.patch.partial:
-            self.model.learn(view, verdict, best, dt, s.literal_learning or self._paper)
-        is_whole = depth is not None and s.depth_mask and hidden <= s.patch.partial
-        told = None if depth is None else middle
-        sure = confidence(verdict, best)
-        return self._sight(image, boxes[best], sure, told, band if is_whole else None)
+        self._gain = shown.gain
+        is_whole = hidden <= s.patch.partial
+        if is_whole:
+            literal = s.literal_learning or self._paper
+            self.model.learn(shown.view, verdict, best, dt, literal)
+        sight = Sight(Found.PERSON, confidence(verdict, best), is_whole=is_whole)
+        return self._placed(sight, image, boxes[best], middle if depth is not None else None, shown)
 
     def find(self, image: Image, near: Array | None, reach: float) -> Sight:
         """The person anywhere in an image with depth, by how they looked first.
@@ -157,28 +168,30 @@ class PatchDetector:
         depth, camera, patch = self._depth(image), image.camera, self.settings.patch
         if depth is None:
             return Sight(Found.NOTHING)
+        best, sight = 0.0, Sight(Found.NOTHING)
         looked = 0
         for body, middle in bodies(depth, camera):
             spot = Spot(body.centre[0], row(camera, middle, self.middle), middle)
             if near is not None and np.hypot(*(in_base(camera, spot) - near)[:2]) > reach:
                 continue
             looked += 1
-            at = self.box(spot, image)
-            x, y = np.meshgrid(at.x + SHIFTS * at.w, at.y + LIFTS * at.h)
-            size = np.full((x.size, 2), (at.w, at.h))
-            boxes = np.column_stack([x.ravel(), y.ravel(), size])
+            boxes = self._around(image, spot)
             shown = self._shown(image, depth, middle, boxes)
             if shown is None:
                 continue
-            view, band = shown
-            verdict = self.model.judge(view, first_only=True, occlusion=self.settings.occlusion)
-            best = int(verdict.score.argmax())
-            is_whole = verdict.hidden[best] <= patch.partial
-            if is_whole and accepted(verdict, best, patch, patch.strictly):
-                return self._sight(image, boxes[best], confidence(verdict, best), middle, band)
+            occlusion = self.settings.occlusion
+            verdict = self.model.judge(shown.view, first_only=True, occlusion=occlusion)
+            one = int(verdict.score.argmax())
+            is_whole = verdict.hidden[one] <= patch.partial
+            is_best = verdict.score[one] > best
+            if is_best and is_whole and accepted(verdict, one, patch, patch.strictly):
+                best = float(verdict.score[one])
+                who = Sight(Found.PERSON, confidence(verdict, one))
+                sight = self._placed(who, image, boxes[one], middle, shown)
+                self._gain = shown.gain
             if looked == BODIES:
                 break
-        return Sight(Found.NOTHING)
+        return sight
 
     def box(self, spot: Spot, image: Image) -> Box:
         """The whole person's box around a spot."""
@@ -203,10 +216,16 @@ class PatchDetector:
         w, h = at.w * scale, at.h * scale
         return np.column_stack([spot.u + x - 0.5 * w, spot.v + y - 0.5 * h, w, h])
 
+    def _around(self, image: Image, spot: Spot) -> Array:
+        """Boxes (M, 4) around a body, which need not be cut out exactly."""
+        at = self.box(spot, image)
+        x, y = np.meshgrid(at.x + SHIFTS * at.w, at.y + LIFTS * at.h)
+        return np.column_stack([x.ravel(), y.ravel(), np.full((x.size, 2), (at.w, at.h))])
+
     def _shown(
         self, image: Image, depth: Depth | None, middle: float, boxes: Array
-    ) -> tuple[View, Band] | None:
-        """What boxes show, and the band they were looked at in; None outside the image."""
+    ) -> Shown | None:
+        """What boxes show; None outside the image."""
         low, high = boxes[:, :2].min(axis=0), (boxes[:, :2] + boxes[:, 2:]).max(axis=0)
         window = crop(Box(*low, *(high - low)), image.pixels.shape[1], image.pixels.shape[0])
         if not all(part.stop > part.start for part in window):
@@ -215,11 +234,12 @@ class PatchDetector:
         band = Band(depth, middle, window, gated)
         if not band.mask.any():
             return None
+        gain = 1.0
         if gated and depth is not None and not self._paper:
-            self._gain = self._light(image, band, box_of(boxes[0]))
+            gain = self._light(image, band, box_of(boxes[0]))
         cell = int(min(max(boxes[0, 2] / CELLS, 2), 5))
-        shown = Window(image.pixels, band, window, cell, self._buffers, self._gain)
-        return shown.view(boxes, self.settings.patch.measured), band
+        shown = Window(image.pixels, band, window, cell, self._buffers, gain)
+        return Shown(shown.view(boxes, self.settings.patch.measured), band, gain)
 
     def _light(self, image: Image, band: Band, box: Box) -> float:
         """The gain that makes the person in a box as bright as they were first."""
@@ -229,23 +249,27 @@ class PatchDetector:
         bright = float(np.median(seen if seen.ndim == 1 else seen.max(axis=1)))
         if self._bright is None:
             self._bright = bright
-        return min(max(self._bright / max(bright, 1.0), 1.0 / DARKEST), DARKEST)
+        gain = self._bright / max(bright, 1.0)
+        return min(max(gain, self._gain / SUDDEN), self._gain * SUDDEN)
 
-    def _sight(
-        self, image: Image, chosen: Array, confidence: float, middle: float | None, band: Band | None
+    def _placed(
+        self, sight: Sight, image: Image, chosen: Array, middle: float | None, shown: Shown
     ) -> Sight:
-        """The person in a box, at the depth `middle` or, without one, as far as they are small.
+        """The sight with a box, at the depth `middle` or, without one, as far as it is small.
 
-        A `band` tells their middle column better than the grid of boxes.
+        Where nothing hides them the outline tells place and height better than the grid of boxes.
         """
         box = box_of(chosen)
-        if band is not None:
-            u = band.column(Box(box.x, box.y, box.w, TORSO * box.h))
-            top = band.top_row(box, THIN * box.w)
-            x = box.x if u is None else u - 0.5 * box.w
-            box = Box(x, box.y if top is None else top, box.w, box.h)
+        if middle is not None and sight.is_whole and self.settings.depth_mask:
+            u = shown.band.column(Box(box.x, box.y, box.w, TORSO * box.h))
+            top = shown.band.top_row(box, THIN * box.w)
+            near = self.box(Spot(*box.centre, middle), image)  # as large as the depth says
+            x = near.x if u is None else u - 0.5 * near.w
+            y = near.y if top is None else top - self._brim * near.h
+            box = Box(x, y, near.w, near.h)
         depth = self.height * image.camera.fy / box.h if middle is None else middle
-        return Sight(Found.PERSON, confidence, box, Spot(*box.centre, depth), middle is not None)
+        by_depth = middle is not None
+        return replace(sight, box=box, spot=Spot(*box.centre, depth), by_depth=by_depth)
 
 
 def _missing(depth: Depth, box: Box) -> float:
@@ -253,38 +277,3 @@ def _missing(depth: Depth, box: Box) -> float:
     rows, columns = crop(box, depth.shape[1], depth.shape[0])
     part = depth[rows, columns][::4, ::4]
     return float(np.isnan(part).mean()) if part.size else 0.0
-
-
-def _enrolled(
-    image: Image, depth: Depth | None, region: Box | tuple[float, float]
-) -> tuple[Box, float]:
-    """The whole person's box, and the depth of it, m; the nearest mode is the person."""
-    camera = image.camera
-    height, width = image.pixels.shape[:2]
-    middle: float | None = None
-    if depth is not None and not isinstance(region, Box):
-        u, v = region
-        around = Box.around(u, v, 9.0, 9.0)
-        found = modes(depth, around)
-        if found:
-            metre = camera.fx / found[0].depth
-            seed = Box.around(u, v, SEED[0] * metre, SEED[1] * metre)
-            box = outline(depth, region_of(image.pixels, seed), found[0].depth, camera)
-            region = Box.around(box.centre[0], box.centre[1], BROAD * metre, box.h)
-    box = region_of(image.pixels, region)
-    if depth is not None and (found := modes(depth, box)):
-        middle = found[0].depth
-        box = outline(depth, box, middle, camera)
-    if middle is None:
-        whole = EDGE < box.y and box.y + box.h < height - EDGE
-        middle = TALL * camera.fy / box.h if whole else USUAL_DEPTH
-    tall = max(box.h, TALL * camera.fy / middle)
-    top, bottom = box.y, box.y + box.h
-    if bottom > height - EDGE and top > EDGE:
-        bottom = top + tall
-    elif top < EDGE and bottom < height - EDGE:
-        top = bottom - tall
-    elif bottom > height - EDGE:
-        bottom = max(bottom, row(camera, middle, 0.0))
-        top = min(top, bottom - TALL * camera.fy / middle)
-    return Box(box.x, top, box.w, bottom - top), middle

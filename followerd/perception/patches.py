@@ -16,7 +16,7 @@ from followerd.geometry import Array
 from followerd.messages import Box, Pixels
 from followerd.perception.cells import Buffers, CellHistograms
 from followerd.perception.colour_bins import COLOURS, colour_bins
-from followerd.perception.depth_band import Band, Depth
+from followerd.perception.depth_band import Band
 from followerd.perception.texture import FLAT, PATTERNS, patterns
 from followerd.settings import Settings
 
@@ -176,7 +176,8 @@ class PatchModel:
         which = np.arange(len(best))
         rho = np.moveaxis(rho, -1, 0)[best, :, which].swapaxes(0, 1)  # (2, M, P)
         passes = ((rho >= s.similar) & usable).sum(axis=2) / np.maximum(usable.sum(axis=1), 1)
-        own = (covers[:, best].T >= s.least_cover) & in_image
+        covered = covers[:, best].T
+        own = (covered >= s.least_cover) & in_image
         return Verdict(
             score[which, best],
             passes[0],

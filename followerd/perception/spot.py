@@ -23,7 +23,8 @@ def in_base(camera: Camera, spot: Spot) -> Array:
     right, down, forward = camera.axes
     ray = forward + (spot.u - camera.cx) / camera.fx * right
     ray = ray + (spot.v - camera.cy) / camera.fy * down
-    return (spot.depth + BEHIND) * ray + (camera.x, camera.y, camera.z)
+    place: Array = (spot.depth + BEHIND) * ray + (camera.x, camera.y, camera.z)
+    return place
 
 
 def in_image(camera: Camera, place: Array) -> Spot | None:

@@ -65,7 +65,7 @@ class Renderer:
             for w in walkers
         ]
         self._shadow = Texture(textures.shadow(), 0)
-        self._level = _levels(scenario.light, rng)
+        self._level = light_levels(scenario.light, rng)
         self._drift, self._lit_at = 0.0, 0.0
         self._noise: dict[tuple[int, int, int], tuple[Pixels, Pixels]] = {}
         self._empty: tuple[tuple[Camera, Pose2, Spectrum], Canvas] | None = None
@@ -223,7 +223,7 @@ def _depth_in_view(
     return depth if front * (depth - WIDEST) < 1.0 else None
 
 
-def _levels(light: Light, rng: np.random.Generator) -> tuple[list[float], list[float]]:
+def light_levels(light: Light, rng: np.random.Generator) -> tuple[list[float], list[float]]:
     """Times (s) and the light's levels then; in between it goes straight from one to the next."""
     times, levels = [0.0], [draw(light.level, rng)]
     for change in light.changes:

@@ -20,6 +20,7 @@ from followerd.perception.spot import in_base, in_image
 from followerd.settings import Settings
 
 SIZE_ERROR = 0.08  # share of a distance that is told by the size alone
+HALF_SEEN = 0.12  # m, deviation of the middle of who is hidden in part
 FADES = 2.0  # s in which confidence fades while nothing is seen
 DEVIATIONS = 3.0  # of the expected depth, within which it is looked for
 LEAST_GATE = 0.3  # m
@@ -34,8 +35,10 @@ class PatchesSettings(Settings):
     hidden_s: float = Field(3.0, gt=0, description="behind something, before the track is lost")
     missing_s: float = Field(1.0, gt=0, description="not behind anything, before it is lost")
     search_after_s: float = Field(0.5, ge=0, description="unseen: looked for among all bodies")
-    start_m: float = Field(0.5, gt=0, description="of where they were seen last, just after that")
-    pace_mps: float = Field(1.2, ge=0, description="by which that grows")
+    search_hidden_s: float = Field(1.5, ge=0, description="the same, while something hides them")
+    start_m: float = Field(0.4, gt=0, description="of where they were seen last, just after that")
+    pace_mps: float = Field(0.9, ge=0, description="by which that grows")
+    same_m: float = Field(0.3, gt=0, description="farthest that who is found is in the next image")
 
 
 class Patches:
@@ -55,8 +58,10 @@ class Patches:
         """Drop the enrolled person."""
         self._detector: PatchDetector | None = None
         self._motion: MotionEkf | None = None
-        self._last = (np.zeros(3), None, 0.0)  # where seen last (`base`), odom_from_base, stamp
+        # where seen last (`base`), odom_from_base, stamp
+        self._last: tuple[Array, Pose2 | None, float] = (np.zeros(3), None, 0.0)
         self._lost = False
+        self._maybe: Array | None = None  # (3,) m in `base`, who looked like the person
 
     def enrol(
         self, seen: Image | Scan, region: Box | tuple[float, float], ego: Pose2 | None
@@ -91,7 +96,9 @@ class Patches:
         unseen = image.stamp - self._last[2]
         if not self._lost:
             sight = self._look(image, ego, dt)
-        if sight.found is not Found.PERSON and unseen > self.settings.search_after_s:
+        s = self.settings
+        patience = s.search_hidden_s if sight.found is Found.HIDDEN else s.search_after_s
+        if sight.found is not Found.PERSON and unseen > patience:
             sight = self._search(image, ego, unseen) or sight
         return self._state(image, ego, self._phase(image, sight), sight)
 
@@ -104,6 +111,7 @@ class Patches:
         self._motion = MotionEkf(Look(image.stamp, ego, place), self.settings.motion)
         self._last = (place, ego, image.stamp)
         self._lost = False
+        self._maybe = None
 
     def _look(self, image: Image, ego: Pose2 | None, dt: float) -> Sight:
         """Look where the filter expects the person, and tell it."""
@@ -116,15 +124,15 @@ class Patches:
         if spot is not None:
             forward = image.camera.axes[2]
             spread = float(forward @ expected.P[:3, :3] @ forward) ** 0.5
-            sight = detector.look(
-                image, spot, max(DEVIATIONS * spread, LEAST_GATE), dt, self._rng
-            )
+            sight = detector.look(image, spot, max(DEVIATIONS * spread, LEAST_GATE), dt, self._rng)
         if sight.spot is None:
             motion.step(Look(image.stamp, ego))
             return sight
         place = in_base(image.camera, sight.spot)
-        R = None if sight.by_depth else self._by_size(place)
-        if not motion.step(Look(image.stamp, ego, place, R)):
+        noise = motion.noise(place) if sight.by_depth else self._by_size(place)
+        if not sight.is_whole:
+            noise += np.diag([0.0, HALF_SEEN**2, HALF_SEEN**2])
+        if not motion.step(Look(image.stamp, ego, place, noise)):
             return Sight(Found.NOTHING)
         self._last = (place, ego, image.stamp)
         return sight
@@ -134,14 +142,17 @@ class Patches:
         away = hypot(place[0], place[1])
         c, s = place[0] / away, place[1] / away
         turn = np.array([[c, -s], [s, c]])
-        R = np.zeros((3, 3))
+        noise = np.zeros((3, 3))
         aside = self.settings.motion.aside_sigma_m
-        R[:2, :2] = turn @ np.diag([(SIZE_ERROR * away) ** 2, aside**2]) @ turn.T
-        R[2, 2] = aside**2
-        return R
+        noise[:2, :2] = turn @ np.diag([(SIZE_ERROR * away) ** 2, aside**2]) @ turn.T
+        noise[2, 2] = aside**2
+        return noise
 
     def _search(self, image: Image, ego: Pose2 | None, unseen: float) -> Sight | None:
-        """Look for the person among all bodies, near where they were seen last."""
+        """Look for the person among all bodies, near where they were seen last.
+
+        Who looks like them in one image must do so in the next.
+        """
         detector = self._detector
         assert detector is not None, "is set together with the filter"
         near, then, _ = self._last
@@ -149,9 +160,13 @@ class Patches:
             near = np.array([*(~ego @ then).apply_point(near[0], near[1]), near[2]])
         s = self.settings
         found = detector.find(image, near, s.start_m + s.pace_mps * unseen)
-        if found.spot is None:
+        before = self._maybe
+        self._maybe = None if found.spot is None else in_base(image.camera, found.spot)
+        if self._maybe is None or before is None:
             return None
-        self._start(image, ego, in_base(image.camera, found.spot))
+        if float(np.hypot(*(self._maybe - before)[:2])) > s.same_m:
+            return None
+        self._start(image, ego, self._maybe)
         return found
 
     def _phase(self, image: Image, sight: Sight) -> TrackPhase:
