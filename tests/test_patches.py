@@ -193,14 +193,15 @@ def test_a_lamp_that_goes_off_changes_nothing() -> None:
 
 def test_without_depth_the_size_tells_the_distance() -> None:
     tracker = enrolled()
-    for k in range(1, 15):
-        state = stepped(tracker, image(k, (ANN, 2.5, 0.01 * k), depth=False))
+    for k in range(1, 8):
+        state = stepped(tracker, image(k, (ANN, 2.5, 0.02 * k), depth=False))
     assert state.phase is TrackPhase.CONFIRMED
     assert off(tracker, 2.5, 0.14) < 0.3
     assert state.range_sigma is not None
     assert state.range_sigma > 0.03
 
 
+@pytest.mark.slow
 def test_a_grey_camera_with_depth_is_enough() -> None:
     def grey(k: int) -> Image:
         one = image(k, (ANN, 2.5, 0.01 * k))

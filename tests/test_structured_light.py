@@ -25,12 +25,14 @@ def wall(depth: float) -> npt.NDArray[np.float32]:
 def seen(
     true: npt.NDArray[np.float32], pixels: Pixels = BRIGHT, seed: int = 0
 ) -> npt.NDArray[np.float32]:
+    """What one unit makes of it."""
     return StructuredLight(np.random.default_rng(seed))(true, pixels, CAMERA)
 
 
 @pytest.mark.parametrize(("depth", "step"), [(1.0, 0.003), (2.0, 0.012), (4.0, 0.047)])
 def test_steps_grow_with_the_square_of_the_depth(depth: float, step: float) -> None:
-    found = np.unique(seen(wall(depth))[~np.isnan(seen(wall(depth)))])
+    measured = seen(wall(depth))
+    found = np.unique(measured[~np.isnan(measured)])
     assert np.diff(found).max() == pytest.approx(step, rel=0.2)
     assert np.median(found) == pytest.approx(depth, abs=2 * step)
 
