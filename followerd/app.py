@@ -274,6 +274,7 @@ def equipment(config: Config) -> Equipment:
         camera.camera,
         camera.rate_hz,
         camera.sees,
+        config.camera.kind == "kinect",
         getattr(config.ptz, "model", None) or DEFAULT_HEAD,
         getattr(config.ptz, "baud", None) or BAUD,
         config.ptz is not None and config.ptz.link == AUX,

@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from followerd.bench import kwolek_follow, kwolek_plots
+from followerd.bench import kwolek_follow, kwolek_mcl, kwolek_plots
 from followerd.bench.kwolek_images import Frame, Walk
 from followerd.bench.report import Report
 from followerd.bench.rows import Row, mean_row
@@ -78,13 +78,15 @@ class Outcome:
 
 
 def suite(executor: Executor, seeds: int, quick: bool) -> Report:
-    """All cases, then the closed loop; `quick`: two seeds and short walks."""
+    """All cases, the closed loop, the robot on its map; `quick`: two seeds and short walks."""
     numbers = range(FIRST_SEED, FIRST_SEED + (2 if quick else seeds))
     frames = QUICK_FRAMES if quick else FRAMES
     jobs = [Job(seed, frames, crossed) for seed in numbers for crossed in (False, True)]
     outcomes = [one for batch in sweep(executor, run, jobs, "kwolek") for one in batch]
     follow = kwolek_follow.suite(executor, seeds, quick)
-    return Report(rows(outcomes) + follow.rows, kwolek_plots.plots(outcomes) | follow.plots)
+    found = kwolek_mcl.suite(executor, seeds, quick)
+    pictures = kwolek_plots.plots(outcomes) | follow.plots | found.plots
+    return Report(rows(outcomes) + follow.rows + found.rows, pictures)
 
 
 def run(job: Job) -> list[Outcome]:

@@ -5,7 +5,7 @@ by the truth or by the track. One loop over a fixed grid of time, the same for o
 """
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import pi, radians
 from time import thread_time
@@ -16,6 +16,7 @@ from followerd.estimation.ego_motion import EgoMotion, EgoMotionSettings
 from followerd.geometry import Camera, Pose2
 from followerd.messages import Box, Command, Image, Odometry, TrackState, Twist
 from followerd.sim.truth import Truth
+from followerd.sim.twins.camera import Picture
 from followerd.sim.world import World
 from followerd.trackers.interfaces import Tracker
 
@@ -58,8 +59,17 @@ class Frame(NamedTuple):
 class Ride:
     """A world, a base in it that obeys a script, and what its status packets tell."""
 
-    def __init__(self, world: World, camera: Camera, script: Script, agility: Agility) -> None:
+    def __init__(
+        self,
+        world: World,
+        camera: Camera,
+        script: Script,
+        agility: Agility,
+        take: Callable[[Camera], Picture] | None = None,
+    ) -> None:
+        """`take` is what the camera sees of the world's now; by default it is colour alone."""
         self.world = world
+        self._take = take or (lambda camera: (world.render(camera), None))
         self._camera = camera
         self._script = script
         self._agility = agility
@@ -98,7 +108,8 @@ class Ride:
     def _look(
         self, tracker: Tracker, number: int, now: float, truth: Truth, ego: Pose2 | None
     ) -> Frame:
-        image = Image(number, now, now, self.world.render(self._camera), self._camera)
+        pixels, depth = self._take(self._camera)
+        image = Image(number, now, now, pixels, self._camera, depth)
         seen = self.world.truth_box(self._camera)
         box, shown = seen if seen else (None, 0.0)
         if number == 0 and box is None:

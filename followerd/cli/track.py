@@ -65,11 +65,12 @@ def track(
     ----------
     source
         A folder of images (or one with the images in img/), a video file, a recording (*.mcap) or
-        a ROS 1 or 2 bag; for legs one of the latter two, a CARMEN log, an .npz file of scans (t,
-        ranges, angle_min, angle_inc) or a folder with scans.npz, and with odom.csv.gz where there
-        is odometry.
+        a ROS 1 or 2 bag; for patches a folder with rgb/, depth/ (16-bit, mm) and calib.json where
+        depth is to be registered; for legs a recording, a bag, a CARMEN log, an .npz file of scans
+        (t, ranges, angle_min, angle_inc) or a folder with scans.npz, and with odom.csv.gz where
+        there is odometry.
     tracker
-        Its kind, or kind/profile: hpf, hpf/paper, legs.
+        Its kind, or kind/profile: hpf, hpf/paper, patches, legs.
     init
         The person at the start: X,Y,W,H or a point X,Y in px; for legs X,Y in m in the laser's
         frame (x forward, y left). Default: from the truth.

@@ -27,7 +27,7 @@ from followerd.sim.figure import Figure
 from followerd.sim.gain import Gain
 from followerd.sim.people import Motion, Pedestrian, Walker
 from followerd.sim.place import outline
-from followerd.sim.scenarios import Ball, Block, Look, Scenario, Wall, draw
+from followerd.sim.scenarios import Ball, Block, Light, Look, Scenario, Wall, draw
 
 DENSITY = 80.0  # px/m of textures
 LARGEST = 4.0e6  # px of one texture; larger surfaces are coarser
@@ -66,7 +66,7 @@ class Renderer:
             for w in walkers
         ]
         self._shadow = Texture(textures.shadow(), 0)
-        self._level = draw(scenario.light.level, rng)
+        self._level = light_levels(scenario.light, rng)
         self._drift, self._lit_at = 0.0, 0.0
         self._gain = None if scenario.auto_gain is None else Gain(scenario.auto_gain, rng)
         self._noise: dict[tuple[int, int, int], tuple[Pixels, Pixels]] = {}
@@ -94,6 +94,10 @@ class Renderer:
         with np.errstate(divide="ignore"):
             depth: npt.NDArray[np.float32] = np.where(inverse > 0.0, 1.0 / inverse, np.nan)
         return depth.astype(np.float32)
+
+    def still(self, shot: Shot) -> Pixels:
+        """The scene (H, W, 3) BGR in even light, without blur and noise."""
+        return _bgr(self._canvas(shot).pixels)
 
     def box(self, shot: Shot, walker: int) -> tuple[Box, float] | None:
         """Box of one walker clipped to the image, and the share of it that nothing hides."""
@@ -175,7 +179,8 @@ class Renderer:
         fresh = sqrt(1.0 - keep * keep) * self._light.drift
         self._drift = keep * self._drift + fresh * float(self._rng.standard_normal())
         self._lit_at = time
-        return max(0.2, self._level * (1.0 + self._drift))
+        level = float(np.interp(time, *self._level))
+        return max(0.2, level * (1.0 + self._drift))
 
     def _blurred(self, image: Pixels, length: float) -> Pixels:
         """Smeared sideways over `length` px."""
@@ -219,6 +224,16 @@ def _depth_in_view(
         return None
     front = canvas.inverse_depth[max(0, int(top)) :, left:right].min(initial=np.inf)
     return depth if front * (depth - WIDEST) < 1.0 else None
+
+
+def light_levels(light: Light, rng: np.random.Generator) -> tuple[list[float], list[float]]:
+    """Times (s) and the light's levels then; in between it goes straight from one to the next."""
+    times, levels = [0.0], [draw(light.level, rng)]
+    for change in light.changes:
+        begins = draw(change.at_s, rng)
+        times += [begins, begins + change.over_s]
+        levels += [levels[-1], draw(change.level, rng)]
+    return times, levels
 
 
 def _bgr(pixels: Pixels) -> Pixels:

@@ -16,6 +16,7 @@ from followerd.hw.vcc50i.protocol import well_formed
 from followerd.sim.faults import DEVICES, Fault
 from followerd.sim.line import Line
 from followerd.sim.scenarios import Scenario
+from followerd.sim.structured_light import StructuredLight
 from followerd.sim.truth import Truth
 from followerd.sim.twins.camera import CameraTwin, Sight
 from followerd.sim.twins.lms200 import Lms200Twin
@@ -39,12 +40,15 @@ class Equipment:
     camera: Camera
     camera_rate: float  # Hz
     camera_sees: Sees = "colour"
+    camera_structured_light: bool = False  # its depth is a Kinect's, else it is exact
     ptz_model: str = "vc-c50i"
     ptz_baud: int = 9600
     ptz_on_aux: bool = False  # of the base; else it has a line of its own
 
 
-def _sight(world: World, sees: Sees) -> Sight:
+def _sight(world: World, sees: Sees, light: StructuredLight | None) -> Sight:
+    if light is not None:
+        return Sight(light.of(world), depth=True)
     if sees == "thermal":
         return Sight(lambda camera: (world.thermal(camera), None), channels=1)
     if sees == "depth":
@@ -58,8 +62,8 @@ class Rig:
     def __init__(
         self, scenario: Scenario, equipment: Equipment, seed: int, faults: Sequence[Fault] = ()
     ) -> None:
-        rngs = np.random.default_rng([seed, 7]).spawn(5)
-        world_rng, robot_rng, laser_rng, camera_rng, ptz_rng = rngs
+        rngs = np.random.default_rng([seed, 7]).spawn(6)
+        world_rng, robot_rng, laser_rng, camera_rng, ptz_rng, depth_rng = rngs
         self.world = World(_on_wheels(scenario, MODELS[equipment.base_model]), world_rng)
         base = P2osTwin(self.world, robot_rng, model=equipment.base_model)
         scanner = Lms200Twin(
@@ -88,7 +92,11 @@ class Rig:
             camera_rng,
             of["camera"],
             self.head.aimed,
-            _sight(self.world, equipment.camera_sees),
+            _sight(
+                self.world,
+                equipment.camera_sees,
+                StructuredLight(depth_rng) if equipment.camera_structured_light else None,
+            ),
         )
         self.truths: list[Truth] = []
 

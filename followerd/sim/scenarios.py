@@ -186,10 +186,19 @@ class Robot(Settings):
     slip: float = Field(0.02, ge=0, lt=0.5, description="sigma of the momentary slip, ratio")
 
 
+class LightChange(Settings):
+    """Lamps go on or off, or the exposure follows them."""
+
+    at_s: Span = Field(description="when it begins")
+    over_s: float = Field(0.3, gt=0, description="how long it takes")
+    level: Span = Field(description="gain from then on")
+
+
 class Light(Settings):
     """Exposure and sensor noise of the camera in this place."""
 
     level: Span = 1.0
+    changes: tuple[LightChange, ...] = Field((), description="of the level, in the order of time")
     drift: float = Field(0.05, ge=0, lt=0.5, description="sigma of the exposure's slow drift")
     noise: float = Field(4.0, ge=0, description="sigma of the pixel noise, grey levels")
     exposure_s: float = Field(0.012, ge=0, description="shutter time, for motion blur")

@@ -281,6 +281,10 @@ class World:
         """Depth (H, W) along the optical axis, m, registered with `render`; nan = nothing."""
         return self._renderer.depth(self._shot(camera))
 
+    def still(self, camera: Camera) -> Pixels:
+        """What `render` shows, in even light and without noise (H, W, 3) BGR."""
+        return self._renderer.still(self._shot(camera))
+
     def thermal(self, camera: Camera) -> Pixels:
         """A noisy thermal image (H, W); warm is bright."""
         return self._renderer.thermal(self._shot(camera), self.twist.omega)

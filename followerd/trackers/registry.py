@@ -10,5 +10,6 @@ TRACKERS = Registry(
         "legs": "followerd.trackers.legs:Legs",
         "ofkf": "followerd.trackers.ofkf:Ofkf",
         "stream_field": "followerd.trackers.stream_field:StreamFieldTracker",
+        "patches": "followerd.trackers.patches:Patches",
     },
 )
