@@ -11,6 +11,7 @@ $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r constraints.txt
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	$(BIN)/python -m compileall -q followerd # else some environments compile it at each start
 	touch $@
 
 demo: $(READY) ## a robot follows a person down a corridor, nothing plugged in
@@ -18,7 +19,8 @@ demo: $(READY) ## a robot follows a person down a corridor, nothing plugged in
 
 test: $(READY) ## everything, quick tests first
 	$(BIN)/pytest -q -m "not slow"
-	$(BIN)/pytest -q -m slow
+	$(BIN)/pytest -q -m "slow and realtime" --numprocesses=0
+	$(BIN)/pytest -q -m "slow and not realtime"
 
 quick: $(READY) ## what to run while working
 	$(BIN)/pytest -q -m "not slow"
@@ -34,8 +36,8 @@ format: $(READY)
 	$(BIN)/ruff check --fix .
 
 IMAGE_TESTS := $(addprefix tests/test_,bench_film.py blobs.py camera.py camera_calibration.py \
-  camera_files.py camera_v4l2.py colour.py hpf.py hybrid.py kinect.py render.py stereo.py track.py \
-  windows.py)
+  camera_files.py camera_v4l2.py colour.py ellipse.py head.py hpf.py hybrid.py kinect.py patches.py \
+  render.py stereo.py track.py windows.py)
 
 opencv4: $(READY) ## the image code on the oldest OpenCV that is supported
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --upgrade --target build/opencv4 "opencv-python-headless==4.10.*"

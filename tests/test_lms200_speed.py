@@ -26,7 +26,7 @@ FASTEST = 10e6  # bytes/s, at least; 20 MB/s is the aim
 SHARE = 0.10  # of a core, at most; 5 % is the aim (docs/lms200.md), but the computer may be busy
 WINDOW, WINDOWS = 1.5, 5  # s
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 
 
 def stream(telegrams: int) -> list[bytes]:

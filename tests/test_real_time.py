@@ -15,7 +15,7 @@ import pytest
 from followerd.sim import truth_log
 from followerd.sim.truth import Truth
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 
 FOLLOWERD = [sys.executable, "-m", "followerd"]
 CONFIG = """\

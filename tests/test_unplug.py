@@ -16,7 +16,7 @@ from followerd.runtime import logs
 from followerd.runtime.auto_operator import AutoOperator
 from followerd.runtime.daemon import Daemon
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 
 AWAY = 2.0  # s
 NOTICED, BACK = 0.35, 3.0  # s, at most
