@@ -1,6 +1,7 @@
 """The operator's page in a real browser: a Chromium beside the real daemon."""
 
 import asyncio
+import os
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -98,7 +99,8 @@ async def test_click_confirm_follow_and_stop_by_the_space_bar(tmp_path: Path) ->
         page = await visit(browser, here)
         await follow(page, here)
         await asyncio.sleep(2.0)
-        await page.screenshot(path=tmp_path / "page.png")
+        # PAGE_SCREENSHOT=docs/page.png makes the README's picture
+        await page.screenshot(path=os.environ.get("PAGE_SCREENSHOT", tmp_path / "page.png"))
         assert await page.inner_text("#who") == "you command"
         await page.keyboard.press("Space")
         await mode_is(page, "estop")
