@@ -115,9 +115,9 @@ def test_exact_images_come_back_to_the_bit(tmp_path: Path) -> None:
     assert len(found) == 3
 
 
-def run(path: Path, duration: float, *, record: RecordSettings, **changes: object) -> Config:
+def run(path: Path, duration: float, *, record: RecordSettings, tracker: str = "hpf") -> Config:
     """Record a simulated run in virtual time."""
-    chosen = config.load("hpf-sim", changes).model_copy(update={"record": record})
+    chosen = config.load(f"{tracker}-sim").model_copy(update={"record": record})
     with recorded(path, chosen) as watchers:
         simulate(chosen, duration, *watchers)
     return chosen
@@ -368,3 +368,13 @@ def test_killed_in_mid_recording_at_most_a_second_is_lost(tmp_path: Path) -> Non
     last = stamps[-1] + time.time() - time.monotonic()
     assert killed - last < 1.0
     assert path.stat().st_size > 1e6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tracker", ["legs", "stream_field"])
+def test_a_tracker_of_scans_is_replayed_to_the_bit(tracker: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    run(path, 5.0, record=RecordSettings(images="none"), tracker=tracker)
+    found = list(differences(Recording(path)))
+    assert len(found) > 250
+    assert not any(found)

@@ -157,5 +157,5 @@ class HeadTracker:
             range=hypot(x, y),
             range_sigma=share * hypot(x, y) + 0.01,
             position=None if ego is None else ego.apply_point(x, y),
-            particles=self._cloud.particles[:, :2],
+            particles=self._cloud.particles[:, :2].copy(),  # the cloud moves on
         )

@@ -172,7 +172,7 @@ class Hpf:
             position=position,
             velocity=moving,
             candidates=sighting.candidates,
-            particles=hybrid.particles[:, :2],
+            particles=hybrid.particles[:, :2].copy(),  # they move on
         )
 
     def _follow_velocity(self, image: Image, ego: Pose2, dt: float) -> None:

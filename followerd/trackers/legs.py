@@ -206,5 +206,5 @@ class Legs:
             position=None if ego is None else (x, y),
             velocity=(vx, vy),
             covariance=np.cov(walker.particles.T),
-            particles=walker.particles[:, :2],
+            particles=walker.particles[:, :2].copy(),  # they move on
         )
