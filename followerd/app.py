@@ -135,7 +135,7 @@ def thinking(config: Config) -> tuple[Tracker, Pipeline]:
     """What a daemon thinks with, and a replay again."""
     cv2.setNumThreads(1)
     tracker = TRACKERS.load(config.tracker.kind)(config.tracker, np.random.default_rng(config.seed))
-    floor = _floor(config)
+    floor = floor_of(config)
     if floor is not None and isinstance(tracker, MapTracker):
         tracker.enter(floor)
     controller = CONTROLLERS.load(config.controller.kind)(config.controller)
@@ -166,7 +166,7 @@ def verify(config: Config) -> None:
         raise ConfigError(
             f"tracker: {config.tracker.kind} thinks on a map; add a localizer section"
         )
-    _floor(config)
+    floor_of(config)
     if "image" not in tracker.needs:
         return
     seen, wanted = _camera(config).sees, tracker.sees
@@ -228,7 +228,7 @@ def pipeline_settings(config: Config) -> PipelineSettings:
     return settings.model_copy(update={"stale_after_s": limits, "guard": guard})
 
 
-def _floor(config: Config) -> FloorMap | None:
+def floor_of(config: Config) -> FloorMap | None:
     """The map of the localizer's section; raises ConfigError."""
     if config.localizer is None:
         return None

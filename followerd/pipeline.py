@@ -141,6 +141,11 @@ class Pipeline:
         base = self.ego_at(stamp)
         return None if base is None else self.association.measured(base, stamp)
 
+    @property
+    def view(self) -> View | None:
+        """The newest scan, and where it was taken."""
+        return self._view
+
     def step(self, event: Event, now: float) -> Decision:
         """What the robot does about `event`."""
         refused = self._take(event, now)

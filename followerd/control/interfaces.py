@@ -63,3 +63,11 @@ class HeadController(Controller, Protocol):
 
     def look(self, scene: Scene, /) -> LookAt | None:
         """Where the head is to point; None = as before."""
+
+
+@runtime_checkable
+class Sketched(Protocol):
+    """A follow law that can show what it is after."""
+
+    def sketch(self) -> Array:
+        """The way it means to take, (N, 2) m in `odom`, the goal last; empty: straight on."""

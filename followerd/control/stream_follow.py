@@ -95,6 +95,13 @@ class StreamFollow:
         wish = self._keeping.wish(self._led(target, near, scene))
         return self._checked(wish, near)
 
+    def sketch(self) -> Array:
+        """See Sketched."""
+        goal = self._course.point
+        if goal is None:
+            return np.empty((0, 2))
+        return np.array([goal]) if self._course.watch is not None else self._way
+
     def _planned(self, target: Target, person: Point, scene: Scene) -> Course:
         """The way to the person, or to where they are, or will be, seen better."""
         s, base = self.settings, scene.base

@@ -3,21 +3,26 @@
 import asyncio
 import json
 import struct
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import cv2
+import numpy as np
 
 from followerd import clock
+from followerd.control.interfaces import Sketched
 from followerd.geometry import Pose2
 from followerd.messages import Decision, Image, Measurement, Scan
 from followerd.runtime.daemon import Daemon
-from followerd.web.views import decision_view, number, scan_view, track_view
+from followerd.streams import STREAMS
+from followerd.web.views import decision_view, legs_view, number, scan_view, track_view
 
 HEADER = struct.Struct("<IIdd")  # kind 1, frame id, s captured (loop), s sent (loop)
 PICTURE = 1
 STATE_PERIOD = 0.1  # s
+RATED = 40  # measurements that a rate is taken of
 
 
 class Hub:
@@ -33,6 +38,7 @@ class Hub:
         self._encoded: tuple[int, bytes] | None = None
         self._encoding: asyncio.Future[bytes] | None = None
         self._scan: tuple[Scan, Pose2] | None = None
+        self._stamps: dict[type, deque[float]] = {}
         self._track = ""
         self._track_frame: int | None = None
         self._state: tuple[float, str] = (-1.0, "")
@@ -79,6 +85,10 @@ class Hub:
             view["devices"] = self._devices(now)
             if self._scan is not None:
                 view["scan"] = scan_view(*self._scan)
+            if (seen := self.daemon.pipeline.view) is not None:
+                view["legs"] = legs_view(seen)
+            if isinstance(law := self.daemon.pipeline.controller, Sketched):
+                view["way"] = np.round(law.sketch(), 2).tolist()
             self._state = now, json.dumps({"state": view}, allow_nan=False)
         return self._state[1]
 
@@ -90,11 +100,21 @@ class Hub:
                 "age": number(now - newest),
                 "limit": number(freshness.stale_after[name]),
                 "fresh": now - newest <= freshness.stale_after[name],
+                "rate": self._rate(STREAMS[name].type),
             }
             for name, newest in freshness.newest.items()
         ] + [{"name": "frames dropped", "count": self.daemon.vision.dropped, "of": stats.frames}]
 
+    def _rate(self, kind: type) -> float | None:
+        """Of the newest measurements, Hz."""
+        stamps = self._stamps.get(kind)
+        if stamps is None or len(stamps) < 2 or stamps[-1] <= stamps[0]:
+            return None
+        return round((len(stamps) - 1) / (stamps[-1] - stamps[0]), 1)
+
     def _measured(self, measurement: Measurement) -> None:
+        stamps = self._stamps.setdefault(type(measurement), deque(maxlen=RATED))
+        stamps.append(measurement.stamp)
         if isinstance(measurement, Image):
             self.image = measurement
             self._tell()

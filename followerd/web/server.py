@@ -10,7 +10,7 @@ import structlog
 from aiohttp import web
 from prometheus_client.exposition import CONTENT_TYPE_LATEST, generate_latest
 
-from followerd import clock
+from followerd import app, clock
 from followerd.config import Config, WebSection
 from followerd.errors import DeviceError
 from followerd.messages import Mode
@@ -21,6 +21,7 @@ from followerd.web.hub import Hub
 from followerd.web.requests import LONGEST
 from followerd.web.switches import Choice, Switches
 from followerd.web.viewer import Viewer
+from followerd.web.views import body_view, walls_view
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
@@ -59,24 +60,26 @@ class Page:
         self.hub = Hub(daemon, settings.jpeg_quality, self.switches.view)
         self._tell = tell
         self._daemon = daemon
+        self._config = config
         self._registry = metrics.registry(daemon)
         self._names = count(1)
         self._sockets: set[web.WebSocketResponse] = set()
 
     async def run(self) -> None:
         """Serve until cancelled. Raises DeviceError when the port is taken."""
-        app = web.Application(middlewares=[self._guarded], client_max_size=LONGEST)
-        app.add_routes(
+        site = web.Application(middlewares=[self._guarded], client_max_size=LONGEST)
+        site.add_routes(
             [
                 web.get("/", _file("index.html")),
                 web.get("/ws", self._socket),
+                web.get("/scene", self._scene),
                 web.get("/metrics", self._metrics),
                 web.get("/healthz", self._health),
                 web.post("/session", self._login),
                 *[web.get(f"/{path.name}", _file(path.name)) for path in STATIC.iterdir()],
             ]
         )
-        runner = web.AppRunner(app, access_log=None, handle_signals=False, shutdown_timeout=0.5)
+        runner = web.AppRunner(site, access_log=None, handle_signals=False, shutdown_timeout=0.5)
         await runner.setup()
         self.hub.attach()
         try:
@@ -147,6 +150,15 @@ class Page:
             self._sockets.discard(socket)
             log.info("viewer gone", name=name)
         return socket
+
+    async def _scene(self, request: web.Request) -> web.StreamResponse:
+        """What does not change: the robot's body, and the map's walls."""
+        if not self.access.admits(request):
+            return web.json_response({"error": "log in first"}, status=401)
+        floor = app.floor_of(self._config)
+        walls = [] if floor is None else walls_view(floor.walls)
+        body = body_view(self._config.pipeline.guard)
+        return web.json_response({"body": body, "walls": walls})
 
     async def _metrics(self, request: web.Request) -> web.StreamResponse:
         if not self.access.is_local and not self.access.admits(request):

@@ -5,8 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from followerd.control.interfaces import View
+from followerd.control.limits import GuardSettings
 from followerd.geometry import Array, Pose2
-from followerd.messages import Box, Decision, Scan, Twist, WheelSpeeds, Wish
+from followerd.messages import Box, Decision, RobotPose, Scan, Twist, WheelSpeeds, Wish
 
 MOST_PARTICLES = 120  # drawn
 
@@ -43,7 +45,8 @@ def decision_view(decision: Decision, base: Pose2 | None) -> dict[str, Any]:
         "wish": [number(wanted.v), number(wanted.omega)],
         "command": [number(given.v), number(given.omega)],
         "motors": decision.motors,
-        "base": None if base is None else [number(base.x), number(base.y), number(base.theta)],
+        "base": pose_view(base),
+        "map_from_odom": _placed(decision.pose),
     }
 
 
@@ -53,6 +56,37 @@ def scan_view(scan: Scan, base: Pose2) -> list[list[float]]:
     seen = base.apply(points[np.isfinite(points).all(axis=1)])
     whole: list[list[float]] = np.rint(100.0 * seen).astype(int).tolist()
     return whole
+
+
+def legs_view(view: View) -> list[list[float]]:
+    """What looks like a leg or two in a scan, in `odom`, cm."""
+    seen = view.base.apply(view.clusters.centre[view.clusters.leg_like])
+    whole: list[list[float]] = np.rint(100.0 * seen).astype(int).tolist()
+    return whole
+
+
+def body_view(guard: GuardSettings) -> dict[str, float]:
+    """The robot's footprint, and what the guard keeps free before it."""
+    return {
+        "front": guard.front_m,
+        "rear": guard.rear_m,
+        "half_width": guard.half_width_m,
+        "margin": guard.margin_m,
+        "side": guard.side_margin_m,
+        "reaction": guard.reaction_s,
+        "deceleration": guard.deceleration_mps2,
+    }
+
+
+def walls_view(walls: Array) -> list[list[float]]:
+    """Walls (K, 2, 2) of a map as x1, y1, x2, y2 in `map`, m."""
+    rounded: list[list[float]] = np.round(walls.reshape(-1, 4), 3).tolist()
+    return rounded
+
+
+def pose_view(pose: Pose2 | None) -> list[float | None] | None:
+    """x, y, theta."""
+    return None if pose is None else [number(pose.x), number(pose.y), number(pose.theta)]
 
 
 def motion(wish: Wish | None) -> Twist:
@@ -67,6 +101,10 @@ def motion(wish: Wish | None) -> Twist:
 def number(value: float | None) -> float | None:
     """Rounded to a ten thousandth; None where it is no number."""
     return None if value is None or not isfinite(value) else round(float(value), 4)
+
+
+def _placed(pose: RobotPose | None) -> list[float | None] | None:
+    return None if pose is None or pose.lost else pose_view(pose.map_from_odom)
 
 
 def _box(box: Box | None) -> list[float | None] | None:

@@ -5,7 +5,7 @@ const ALIVE = 200;        // ms between two signs of life
 
 export class Link {
   constructor(handlers) {
-    this.handlers = handlers;   // picture, track, state, you, answer, gone, locked
+    this.handlers = handlers;   // opened, picture, track, state, you, answer, gone, locked
     this.socket = null;
     this.heard = 0;
     setInterval(() => this.watch(), ALIVE);
@@ -26,6 +26,7 @@ export class Link {
       socket.onclose = () => { if (this.socket === socket) this.lost(); };
       this.socket = socket;
       this.heard = performance.now();
+      this.handlers.opened();
     } catch {
       this.lost();
     }

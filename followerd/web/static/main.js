@@ -9,6 +9,7 @@ const $ = id => document.getElementById(id);
 let state = {}, track = null, me = null, commander = null;
 
 const link = new Link({
+  opened: () => top_.furnish(),
   picture: picture => view.show(picture),
   track: newest => { track = newest; view.track = newest; view.draw(); },
   state: showState,
@@ -46,6 +47,7 @@ window.addEventListener('keydown', event => {
 
 function showState(newest) {
   state = newest;
+  view.round = state.tracker === 'head';
   showMode();
   top_.show(state, track);
   strips.show(state, track);
@@ -82,7 +84,8 @@ function showDevices() {
     const row = document.createElement('tr');
     const age = device.age === undefined ? `${device.count} of ${device.of}` : device.age === null ? '–' : `${Math.round(1000 * device.age)} ms`;
     const limit = device.limit ? `${Math.round(1000 * device.limit)} ms` : '';
-    for (const text of [device.name, age, limit]) row.insertCell().textContent = text;
+    const rate = device.rate == null ? '' : `${device.rate.toFixed(1)} Hz`;
+    for (const text of [device.name, rate, age, limit]) row.insertCell().textContent = text;
     row.classList.toggle('late', device.fresh === false);
     return row;
   });

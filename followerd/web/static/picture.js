@@ -12,6 +12,7 @@ export class Picture {
     this.image = null;
     this.frame = null;
     this.drag = null;
+    this.round = false;     // the tracker follows a head: its box is that of an ellipse
     this.drawn = 0;
     this.times = [];        // [captured, drawn] of the newest pictures, s, for whoever measures
     canvas.addEventListener('pointerdown', event => this.begin(event));
@@ -55,7 +56,7 @@ export class Picture {
         const colour = COLOURS[track.phase] ?? '#fff';
         c.lineWidth = 2 * unit;
         c.strokeStyle = colour;
-        this.frameOf(c, track.box);
+        if (this.round) this.ellipse(c, track.box); else this.frameOf(c, track.box);
         this.label(c, track, colour, unit);
       }
     }
@@ -64,6 +65,12 @@ export class Picture {
       c.strokeStyle = '#5cf';
       this.frameOf(c, this.boxOf(this.drag));
     }
+  }
+
+  ellipse(c, [x, y, w, h]) {
+    c.beginPath();
+    c.ellipse(x + w / 2, y + h / 2, w / 2, h / 2, 0, 0, 2 * Math.PI);
+    c.stroke();
   }
 
   label(c, track, colour, unit) {

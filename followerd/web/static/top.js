@@ -10,12 +10,19 @@ export class Top {
     this.robotTrail = [];
     this.personTrail = [];
     this.pinch = null;
+    this.body = null;     // of the robot, and what the guard keeps free
+    this.walls = [];      // of the map
     canvas.addEventListener('wheel', event => {
       event.preventDefault();
       this.zoom(Math.exp(0.001 * event.deltaY));
     }, { passive: false });
     canvas.addEventListener('touchmove', event => this.pinched(event), { passive: false });
     canvas.addEventListener('touchend', () => { this.pinch = null; });
+  }
+
+  async furnish() {
+    const answer = await fetch('scene');
+    if (answer.ok) Object.assign(this, await answer.json());
   }
 
   zoom(factor) {
@@ -62,6 +69,8 @@ export class Top {
       const ahead = cos * dx + sin * dy, left = cos * dy - sin * dx;
       return [middle - left * scale, middle - ahead * scale];
     };
+    this.map(c, at, state.map_from_odom);
+    this.field(c, middle, scale, state);
     this.line(c, this.robotTrail.map(at), '#5cf8');
     this.line(c, this.personTrail.map(at), '#35d07f88');
     c.fillStyle = '#e55';
@@ -69,6 +78,14 @@ export class Top {
       const [u, v] = at([x / 100, y / 100]);
       c.fillRect(u - 1.5, v - 1.5, 3, 3);
     }
+    c.strokeStyle = '#fc6';
+    for (const [x, y] of state.legs ?? []) {
+      const [u, v] = at([x / 100, y / 100]);
+      c.beginPath();
+      c.arc(u, v, Math.max(3, 0.08 * scale), 0, 2 * Math.PI);
+      c.stroke();
+    }
+    this.way(c, (state.way ?? []).map(at));
     if (track?.position) this.person(c, at(track.position), scale, track, heading);
     this.robot(c, middle, scale, state);
   }
@@ -83,6 +100,37 @@ export class Top {
       c.stroke();
       c.fillText(`${r} m`, middle + 3, middle - r * scale - 2);
     }
+  }
+
+  map(c, at, placed) {
+    if (!placed) return;
+    const [x0, y0, theta] = placed, cos = Math.cos(theta), sin = Math.sin(theta);
+    const inOdom = (x, y) => [cos * (x - x0) + sin * (y - y0), cos * (y - y0) - sin * (x - x0)];
+    c.strokeStyle = '#9ab';
+    c.beginPath();
+    for (const [x1, y1, x2, y2] of this.walls) {
+      c.moveTo(...at(inOdom(x1, y1)));
+      c.lineTo(...at(inOdom(x2, y2)));
+    }
+    c.stroke();
+  }
+
+  // what the guard keeps free ahead at this speed: braking way and margin
+  field(c, middle, scale, state) {
+    const { body } = this, v = state.command?.[0] ?? 0;
+    if (!body || v <= 0) return;
+    const stop = v * body.reaction + v * v / (2 * body.deceleration) + body.margin;
+    const half = (body.half_width + body.side) * scale;
+    c.fillStyle = '#5cf2';
+    c.fillRect(middle - half, middle - (body.front + stop) * scale, 2 * half, stop * scale);
+  }
+
+  way(c, points) {
+    if (!points.length) return;
+    this.line(c, points, '#fc6');
+    const [u, v] = points[points.length - 1];
+    c.strokeStyle = '#fc6';
+    c.strokeRect(u - 5, v - 5, 10, 10);
   }
 
   line(c, points, colour) {
@@ -116,14 +164,14 @@ export class Top {
   }
 
   robot(c, middle, scale, state) {
-    const [length, width] = state.footprint ?? [0.45, 0.4];
+    const { front, rear, half_width: half } = this.body ?? { front: 0.21, rear: 0.3, half_width: 0.21 };
     c.fillStyle = '#5cf';
-    c.fillRect(middle - width * scale / 2, middle - length * scale / 2, width * scale, length * scale);
+    c.fillRect(middle - half * scale, middle - front * scale, 2 * half * scale, (front + rear) * scale);
     c.fillStyle = '#024';
     c.beginPath();
-    c.moveTo(middle, middle - length * scale / 2);
-    c.lineTo(middle - width * scale / 3, middle);
-    c.lineTo(middle + width * scale / 3, middle);
+    c.moveTo(middle, middle - front * scale);
+    c.lineTo(middle - 0.7 * half * scale, middle);
+    c.lineTo(middle + 0.7 * half * scale, middle);
     c.fill();
     const [v, omega] = state.command ?? [0, 0];
     if (!v && !omega) return;
