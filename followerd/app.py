@@ -20,7 +20,6 @@ from followerd.estimation.registry import LOCALIZERS
 from followerd.geometry import Pose2
 from followerd.hw.camera.settings import CameraSettings
 from followerd.hw.camera.source import FrameSource
-from followerd.hw.camera.sources import open_camera
 from followerd.hw.interfaces import Base, PanTilt, Sensor
 from followerd.hw.lms200.settings import Lms200Settings, delivered_period, oldest, stale_after
 from followerd.hw.p2os.writer import HALT
@@ -70,6 +69,8 @@ class Plugs:
 
 def hardware(config: Config) -> Plugs:
     """The links that the config names."""
+    from followerd.hw.camera.sources import open_camera  # twins need no camera's library
+
     return Plugs(
         open_link(config.base.link),
         open_link(config.laser.link),
@@ -308,6 +309,7 @@ async def live(
 async def virtual(config: Config, duration: float, attach: Attach, world: Rig) -> Daemon:
     """Run the daemon on the twins of `world` in this process; the loop must be virtual."""
     daemon = build(config, in_memory(world))
+    daemon.vision.develop = world.camera.develop
     attach(daemon)
     await clock.within(duration, clock.together(world.run(), *_parts(daemon, config)))
     return daemon

@@ -79,6 +79,18 @@ def test_a_device_that_cannot_be_a_link_is_refused(write: Path) -> None:
         app.hardware(config)
 
 
+def test_a_kind_that_belongs_elsewhere_is_refused_with_those_that_fit(write: Path) -> None:
+    write.write_text(GOOD.replace("kind: camera", "kind: p2os"))
+    with pytest.raises(ConfigError, match=r"camera.*'camera'.*'kinect'"):
+        load(write)
+
+
+def test_a_section_left_empty_is_refused(write: Path) -> None:
+    write.write_text(GOOD.replace("tracker: {kind: hpf}", "tracker:"))
+    with pytest.raises(ConfigError, match="tracker"):
+        load(write)
+
+
 def test_the_schema_lists_every_section() -> None:
     properties = schema().model_json_schema()["properties"]
     assert {"base", "laser", "camera", "tracker", "controller", "pipeline"} <= set(properties)

@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 
 from followerd import app, clock
+from followerd.bench.closed_loop import simulate, staged
 from followerd.config import load
 from followerd.errors import Stopped
 from followerd.hw.camera.protocol import Frame
+from followerd.messages import Decision
+from followerd.runtime.daemon import Daemon
 from followerd.sim.darkroom import darkroom
 from followerd.sim.faults import Fault
 from followerd.sim.rig import Rig
@@ -80,3 +83,36 @@ def test_a_run_without_its_darkroom_stops() -> None:
         drawer.join()
         with pytest.raises(Stopped, match="the process that draws the pictures has ended"):
             frames(here, 1.0)
+
+
+def test_pictures_completed_late_are_complete_when_the_tracker_looks() -> None:
+    summaries = []
+    for place, develops in ((nullcontext, True), (darkroom, False)):
+        settings = staged(load("hpf-sim"))
+        here = app.rig(settings)
+        with place(here):
+            here.camera.develops = develops
+            figures = simulate(settings, 2.0, world=here)
+        summaries.append({**figures, "wall_s": None, "rss_mb": None})
+    assert summaries[0]["frames"] > 10
+    assert summaries[0] == summaries[1]
+
+
+def test_who_asks_for_the_newest_picture_gets_it_complete() -> None:
+    settings = staged(load("hpf-sim"))
+    here = app.rig(settings)
+    blank: list[bool] = []
+
+    def look(daemon: Daemon) -> None:
+        def at_a_decision(_: Decision) -> None:
+            image = daemon.vision.newest
+            if image is not None:
+                blank.append(not image.pixels.any())
+
+        daemon.decision_watchers.append(at_a_decision)
+
+    with darkroom(here):
+        here.camera.develops = False
+        simulate(settings, 1.0, look, world=here)
+    assert len(blank) > 10
+    assert not any(blank)

@@ -74,6 +74,7 @@ def demo(
         recorders = stack.enter_context(recorded(record, settings))
         watchers: list[app.Attach] = [*recorders, display.attach, ending.attach]
         if world is not None:
+            world.camera.develops = bool(render or recorders)  # else only the tracker looks
             figures = _in_virtual_time(settings, duration, watchers, render, world)
         else:
             tell = None if headless else display.tell

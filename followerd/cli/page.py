@@ -8,7 +8,6 @@ from followerd import app, clock
 from followerd import config as configs
 from followerd.config import Config
 from followerd.runtime.daemon import Daemon
-from followerd.web.server import Page
 
 
 class Anew(Exception):
@@ -29,6 +28,9 @@ class Opened:
 
     async def run(self, daemon: Daemon) -> None:
         """Serve until cancelled; raises Anew, or DeviceError when the port is taken."""
+        # a quarter of a second, which a command without a page need not wait
+        from followerd.web.server import Page
+
         settings = self._config.web
         assert settings is not None
         page = Page(daemon, self._config, settings, self._choose, self._tell)

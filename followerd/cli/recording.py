@@ -1,7 +1,7 @@
 """`--record F` of the commands that run a daemon."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -10,9 +10,7 @@ from cyclopts import Parameter
 from followerd.app import Attach
 from followerd.config import Config
 from followerd.errors import UsageError
-from followerd.record.recorder import Recorder
 from followerd.runtime.daemon import Daemon
-from followerd.runtime.recording import Recording
 
 RecordFile = Annotated[
     Path | None, Parameter(help="record the run into this *.mcap (config: record)")
@@ -25,18 +23,22 @@ def recorded(path: Path | None, config: Config) -> Iterator[list[Attach]]:
     wanted = path is not None or config.record.foxglove_port is not None
     if path is not None and (path.suffix != ".mcap" or not path.parent.is_dir() or path.exists()):
         raise UsageError(f"--record {path}: give a new file *.mcap in a folder that exists")
-    recorders: list[Recorder] = []
+    with ExitStack() as ending:
 
-    def attach(daemon: Daemon) -> None:
-        recording = Recording(daemon, config)
-        recording.start(path, file=path is not None)
-        assert recording.recorder is not None
-        recorders.append(recording.recorder)
+        def attach(daemon: Daemon) -> None:
+            # only what is recorded needs Foxglove's library
+            from followerd.runtime.recording import Recording
 
-    try:
+            recording = Recording(daemon, config)
+            recording.start(path, file=path is not None)
+            recorder = recording.recorder
+            assert recorder is not None
+
+            def end() -> None:
+                recorder.close()
+                if recorder.stopped:
+                    print(recorder.stopped)
+
+            ending.callback(end)
+
         yield [attach] if wanted else []
-    finally:
-        for recorder in recorders:
-            recorder.close()
-            if recorder.stopped:
-                print(recorder.stopped)

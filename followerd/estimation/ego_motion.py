@@ -57,6 +57,7 @@ class EgoMotion:
         self._stamps: deque[float] = deque()
         self._commands: deque[Command] = deque(maxlen=MOST_COMMANDS)
         self._path: list[_Step] = []  # from the newest packet on, each step worked out once
+        self._asked: tuple[float, _Step] | None = None  # a decision asks for one time and again
 
     def observe(self, odometry: Odometry) -> None:
         """Take a packet; one that is not newer than the newest is dropped."""
@@ -65,6 +66,7 @@ class EgoMotion:
         self._packets.append(odometry)
         self._stamps.append(odometry.stamp)
         self._path.clear()
+        self._asked = None
         while self._stamps[0] < odometry.stamp - self.settings.history_s:
             self._packets.popleft()
             self._stamps.popleft()
@@ -75,6 +77,7 @@ class EgoMotion:
     def commanded(self, command: Command) -> None:
         """Remember what the base was told."""
         self._commands.append(command)
+        self._asked = None
         # steps already taken in which it acts
         latency = self.settings.latency_s
         while len(self._path) > 1 and command.stamp <= self._path[-2].stamp - latency:
@@ -122,6 +125,8 @@ class EgoMotion:
 
     def _extrapolated(self, stamp: float) -> _Step | None:
         """The newest packet moved on: measured speeds, ramping toward what was commanded."""
+        if self._asked is not None and self._asked[0] == stamp:
+            return self._asked[1]
         newest = self._packets[-1]
         if stamp - newest.stamp > self.settings.max_gap_s:
             return None
@@ -135,7 +140,10 @@ class EgoMotion:
         while last and stamp - path[last - 1].stamp < STEP:
             last -= 1
         step = path[last]
-        return self._moved(step, stamp - step.stamp) if step.stamp < stamp else step
+        if step.stamp < stamp:
+            step = self._moved(step, stamp - step.stamp)
+        self._asked = stamp, step
+        return step
 
     def _moved(self, step: _Step, dt: float) -> _Step:
         """`dt` seconds later."""

@@ -19,7 +19,7 @@ KEPT = 100_000  # durations; a daemon runs for weeks
 
 class Vision:
     """Feeds images to a tracker. In real time the work is done in one thread; in virtual time it
-    is done in place and its result delivered after `work` seconds."""
+    is done in place, at the end of the `work` seconds that it is taken to last."""
 
     def __init__(
         self,
@@ -36,6 +36,7 @@ class Vision:
         self._arrived = asyncio.Event()
         self._busy = asyncio.Lock()
         self._executor = ThreadPoolExecutor(1, "vision")
+        self.develop: Callable[[], None] = lambda: None  # before pixels are looked at
         self.dropped = 0
         self.step_times: deque[float] = deque(maxlen=KEPT)  # s
 
@@ -77,10 +78,12 @@ class Vision:
     @property
     def newest(self) -> Image | None:
         """The newest frame that was given to the tracker."""
+        self.develop()
         return self._looking.newest
 
     def frame(self, frame_id: int | None) -> Image:
         """The frame of that id, None: the newest. Raises UsageError when it is gone."""
+        self.develop()
         return self._looking.find(frame_id)[0]
 
     async def _track(self, image: Image) -> None:
@@ -94,9 +97,9 @@ class Vision:
 
     async def _call(self, work: Callable[[], T], steps: int = 1) -> T:
         if clock.is_virtual():
-            result = work()
             await clock.sleep(steps * self._work)
-            return result
+            self.develop()
+            return work()
         began = clock.now()
         result = await asyncio.get_running_loop().run_in_executor(self._executor, work)
         self.step_times.append(clock.now() - began)

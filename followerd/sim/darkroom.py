@@ -10,7 +10,7 @@ import os
 import pickle
 import signal
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from itertools import cycle
 from mmap import mmap
@@ -40,7 +40,7 @@ def darkroom(rig: Rig) -> Iterator[None]:
     ours, theirs = fork.Pipe()
     prints = _shared_pictures(MOST, rig.camera.layout.height, rig.camera.layout.width)
     process = fork.Process(
-        target=_draw_all, args=(rig.world.draw, prints, theirs, ours), daemon=True
+        target=_draw_all, args=(rig.world.paint, prints, theirs, ours), daemon=True
     )
     process.start()
     theirs.close()
@@ -95,12 +95,15 @@ class Darkroom:
             self._blank.popleft()[:] = next(self._prints)
 
 
-def _draw_all(draw: Draw, prints: Pixels, pipe: Connection, other_end: Connection) -> None:
+def _draw_all(
+    paint: Callable[[], Draw], prints: Pixels, pipe: Connection, other_end: Connection
+) -> None:
     """Draw one picture after another, until the other end is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever is interrupted closes it
     other_end.close()
     # a task that wakes up would else push the world off its core, and draw while that waits
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    draw = paint()
     with suppress(EOFError, ConnectionError):
         for picture in cycle(prints):
             order = pipe.recv_bytes()

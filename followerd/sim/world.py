@@ -77,6 +77,10 @@ class World:
         """Paints its textures when the first picture is asked for (0.3 to 0.6 s)."""
         return Renderer(self.scenario, self.walkers, self._light_rng)
 
+    def paint(self) -> Draw:
+        """What draws its pictures, with the textures painted now rather than for the first one."""
+        return self._renderer.colour
+
     @property
     def now(self) -> float:
         """Loop time up to which the world has moved, s."""

@@ -77,6 +77,7 @@ class CameraTwin:
         self.ports: list[FramePort] = []
         self.plugged = True
         self.develop: Callable[[], None] = lambda: None  # completes the scene's pictures
+        self.develops = True  # before it delivers; else whoever looks at a picture must
         self._scene = scene
         self._camera = camera
         self._aim = aim
@@ -185,7 +186,8 @@ class CameraTwin:
     def _deliver(self, frame: Frame) -> None:
         if self.plugged and frame.id > self._delivered:  # a late one may have been overtaken
             self._delivered = frame.id
-            self.develop()
+            if self.develops:
+                self.develop()
             for port in list(self.ports):
                 port.deliver(frame)
 
