@@ -7,19 +7,20 @@ from cyclopts import Parameter
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from followerd.bench import follow, kwolek, motai, page, speed, tseng, zhuang
+from followerd.bench import faults, follow, kwolek, motai, page, speed, tseng, zhuang
 from followerd.bench.report import write_html
 from followerd.bench.rows import Row, table, write_json
 from followerd.bench.sweep import executor
 from followerd.errors import UsageError
 
-Suite = Literal["zhuang", "tseng", "motai", "kwolek", "follow", "speed", "page"]
+Suite = Literal["zhuang", "tseng", "motai", "kwolek", "follow", "faults", "speed", "page"]
 SUITES = {
     "zhuang": zhuang.suite,
     "tseng": tseng.suite,
     "motai": motai.suite,
     "kwolek": kwolek.suite,
     "follow": follow.suite,
+    "faults": faults.suite,
     "speed": speed.suite,
     "page": page.suite,
 }
@@ -37,8 +38,8 @@ def bench(
 ) -> None:
     """Run benchmark suites: zhuang (the tracker on rendered images), tseng (a person hidden by
     boards, in scans), motai (predictors of a turning target), kwolek (a head on drawn images and in
-    closed loop), follow (the whole daemon in closed loop), speed (time per frame), page (what the
-    operator's page and recording cost).
+    closed loop), follow (the whole daemon in closed loop), faults (devices that fail meanwhile),
+    speed (time per frame), page (what the operator's page and recording cost).
 
     Parameters
     ----------

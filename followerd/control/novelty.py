@@ -41,7 +41,7 @@ class Novelty:
         return new
 
     def _is_new_image(self, image: Image) -> bool:
-        before, self._images = self._images, crc32(np.ascontiguousarray(image.pixels[::EVERY]))
+        before, self._images = self._images, crc32(image.pixels[::EVERY].tobytes())
         return self._images != before
 
     def _is_new_scan(self, scan: Scan) -> bool:
@@ -50,7 +50,7 @@ class Novelty:
         return self._scan != before or not np.isfinite(scan.ranges).any()
 
     def _is_new_report(self, report: Odometry, wish: Wish | None, now: float) -> bool:
-        """A standing base says the same for ever; one that drives, or has long been told to, not."""
+        """A standing base says the same for ever; one that drives, or was told to, does not."""
         before, self._odometry = self._odometry, report
         if abs(getattr(wish, "v", 0.0)) < SENT_FORWARD:
             self._sent_since = inf
