@@ -18,6 +18,7 @@ from followerd.errors import ConfigError
 from followerd.geometry import Camera, Pose2
 from followerd.hw.p2os.commands import Cmd, command
 from followerd.hw.p2os.protocol import PacketDecoder
+from followerd.hw.p2os.writer import Writer
 from followerd.messages import (
     Decision,
     Image,
@@ -52,6 +53,10 @@ def following(**more: object) -> Rig:
     return rig
 
 
+def mode_of(rig: Rig) -> Mode:
+    return rig.decisions[-1].mode
+
+
 def stop_after(rig: Rig, seconds: float) -> float:
     """Time from now to the first command that stops, within `seconds`."""
     began = rig.now
@@ -78,9 +83,9 @@ def test_f01_a_stale_decision_stops_within_250_ms() -> None:
     assert outcome.collisions == 0
 
 
-def seen_standing() -> base_writer.Writer:
+def seen_standing() -> Writer:
     """A writer of a base that stands with its motors on."""
-    writer = base_writer.Writer(9600, base_writer.CAPS)
+    writer = Writer(9600, base_writer.CAPS)
     writer.due(0.0)
     writer.due(0.2)
     writer.note(base_writer.status(0.35))
@@ -250,14 +255,14 @@ def test_f09_a_lost_person_is_coasted_to_searched_for_and_given_up() -> None:
     rig.legs_visible = False
     rig.run(0.5 + 0.2)  # the last frame was under way
     assert getattr(rig.command.motion, "v", 0.0) == 0.0
-    assert rig.decisions[-1].mode is Mode.SEARCHING
+    assert mode_of(rig) is Mode.SEARCHING
     turns = []
-    while rig.decisions[-1].mode is Mode.SEARCHING:
+    while mode_of(rig) is Mode.SEARCHING:
         rig.run(0.1)
         turns.append(abs(getattr(rig.command.motion, "omega", 0.0)))
     assert max(turns) <= 0.5
     assert len(turns) * 0.1 <= 10.1
-    assert rig.decisions[-1].mode is Mode.IDLE
+    assert mode_of(rig) is Mode.IDLE
     assert StopReason.TARGET_LOST in kinds(rig.decisions[-1])
 
 

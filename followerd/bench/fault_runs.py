@@ -38,7 +38,7 @@ AFTER = 4.0  # s that a run goes on behind it
 NEAR, FAST = 0.45, 0.1  # m, m/s: nearer and faster is an approach
 MOVES = 0.05  # m/s or rad/s
 STANDS = 0.01  # the same
-SLACK = 0.02  # s between the stop on the wire and the decision that names it
+SLACK = 0.06  # s from a decision to its stop's last byte, what was under way included
 REARM = 2.0  # s between the looks of who arms again
 GIVEN_UP = 4.0  # s without anybody in sight, before the person is shown again
 
