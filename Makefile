@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: setup demo test quick check format lock opencv4 coverage
+.PHONY: setup demo test quick check format lock opencv4 coverage mutation install-service
 
 setup: $(READY)
 
@@ -47,6 +47,16 @@ coverage: $(READY) ## every branch of the protocols and of the guard is tested
 	$(BIN)/pytest -q -m "not slow" --cov=followerd.hw --cov=followerd.control --cov-branch --cov-report= \
 	  $(addprefix tests/test_,p2os_protocol.py lms200_protocol.py vcc50i_protocol.py camera.py guard.py clearance.py mode.py pipeline.py)
 	$(BIN)/coverage report --include="followerd/hw/*/protocol.py,followerd/control/guard.py" --fail-under=100
+
+mutation: $(READY) ## is every small change of the guard and of the modes noticed; half an hour
+	$(BIN)/python -m tests.mutation
+
+install-service: ## as root: the systemd unit and the udev rules, which keep what you wrote into them
+	install -d $(DESTDIR)/etc/systemd/system $(DESTDIR)/etc/udev/rules.d $(DESTDIR)/etc/followerd
+	install -m 644 systemd/followerd.service $(DESTDIR)/etc/systemd/system/
+	test -e $(DESTDIR)/etc/udev/rules.d/60-followerd.rules || \
+	  install -m 644 systemd/60-followerd.rules $(DESTDIR)/etc/udev/rules.d/
+	if [ -z "$(DESTDIR)" ] && [ -d /run/systemd/system ]; then systemctl daemon-reload; fi
 
 lock: ## write constraints.txt anew from pyproject.toml
 	$(PYTHON) -m venv build/lock

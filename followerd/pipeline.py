@@ -2,7 +2,7 @@
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from math import inf
+from math import hypot, inf
 
 import numpy as np
 from pydantic import Field, PositiveFloat
@@ -85,6 +85,7 @@ class Tick:
 Event = Scan | Odometry | Tracked | Operator | Presence | Hand | Late | Fault | Tick
 SEEN = (TrackPhase.TENTATIVE, TrackPhase.CONFIRMED)
 CAMERA = "camera"  # a device that only shows, where the tracker needs no images
+JUMP = 0.5  # m, between two scans: who thinks on the map stops
 DRIVEN_BY = frozenset({"scan", "odometry"})  # streams without which nothing drives
 
 
@@ -119,6 +120,7 @@ class Pipeline:
         self.controller = controller
         self.localizer = localizer
         self.pose: RobotPose | None = None  # of the newest scan
+        self._by_map = "pose" in needs
         self.freshness = Freshness(settings.stale_after_s, DRIVEN_BY.union(needs))
         self.ego_motion = EgoMotion(settings.ego_motion)
         self.association = Association(settings.association)
@@ -205,23 +207,29 @@ class Pipeline:
             points = scan.points()
             clusters = find_clusters(scan, points, self.settings.clusters)
             self._view = View(scan, points, clusters, base)
-            self._localize(scan, base)
+            self._localize(scan, base, now)
             self.association.scan(clusters, base)
             if carried := self.association.carried(base, scan.stamp):
                 self._judge(carried, now)
             elif self._track is not None and self.association.claimed:
                 self._track = self.association.located(self._track, base, scan.stamp)
 
-    def _localize(self, scan: Scan, base: Pose2) -> None:
+    def _localize(self, scan: Scan, base: Pose2, now: float) -> None:
         """Where the robot is on the map; once it gets lost, it may be anywhere."""
         if self.localizer is None:
             return
         person = self.association.person(scan.stamp)
         at = None if person is None else (~base).apply_point(*person.position)
-        known = self.pose is not None and not self.pose.lost
+        before = None if self.pose is None or self.pose.lost else self.pose
         self.pose = self.localizer.step(scan, base, at)
-        if known and self.pose is not None and self.pose.lost:
+        if before is None or self.pose is None:
+            return
+        if self.pose.lost:
             self.localizer.start(None)
+        moved = before.map_from_odom @ base
+        jump = hypot(moved.x - self.pose.map_from_base.x, moved.y - self.pose.map_from_base.y)
+        if self._by_map and jump > JUMP:
+            self.modes.jumped(jump, now)
 
     def _take_track(self, tracked: Tracked, now: float) -> None:
         if tracked.frame_id is not None:

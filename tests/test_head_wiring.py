@@ -171,7 +171,7 @@ def test_the_camera_model_of_an_image_follows_the_head(monkeypatch: pytest.Monke
         daemon.take(Image(0, 1.0, 1.02, picture, mounted))  # nobody knows where it looks
         daemon.take(PtzState(0.99, 0.3, 0.1, 1.0, moving=True))
         daemon.take(PtzState(1.05, 0.6, 0.1, 1.0, moving=True))
-        daemon.take(Image(1, 1.02, 1.04, picture, mounted))
+        daemon.take(Image(1, 1.02, 1.04, picture + 1, mounted))
         assert [image.id for image in offered] == [1]
         assert offered[0].camera.yaw == pytest.approx(mounted.yaw + 0.45)
         assert watched[-1] is offered[0]

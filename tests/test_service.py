@@ -14,6 +14,7 @@ from shutil import which
 import pytest
 
 from followerd import app, clock, config
+from followerd.messages import StopReason
 from followerd.runtime import logs
 from followerd.runtime.notify import Notify
 
@@ -108,3 +109,24 @@ def test_a_reader_of_the_log_that_hangs_holds_nobody_up() -> None:
     dropped = [int(found[1]) for line in lines if (found := re.search(r"(\d+) log lines", line))]
     assert len(lines) - len(dropped) + sum(dropped) == 5000
     assert sum(dropped) > 2000
+
+
+def test_the_guide_says_what_to_do_on_each_stop() -> None:
+    guide = (UNIT.parent.parent / "docs/operating.md").read_text()
+    parts = re.findall(r"^### (\w+)\n(.+)$", guide, re.MULTILINE)
+    assert [name for name, _ in parts] == [reason.name for reason in StopReason]
+    assert all(len(text) > 30 for _, text in parts)
+
+
+def test_the_service_is_installed_where_a_package_wants_it(tmp_path: Path) -> None:
+    root = UNIT.parent.parent
+    command = ["make", "-C", root, "install-service", f"DESTDIR={tmp_path}"]
+    subprocess.run(command, capture_output=True, check=True)
+    assert (tmp_path / "etc/systemd/system/followerd.service").read_text() == UNIT.read_text()
+    rules = (tmp_path / "etc/udev/rules.d/60-followerd.rules").read_text()
+    assert rules == (UNIT.parent / "60-followerd.rules").read_text()
+    assert (tmp_path / "etc/followerd").is_dir()
+    again = tmp_path / "etc/udev/rules.d/60-followerd.rules"
+    again.write_text("mine")
+    subprocess.run(command, capture_output=True, check=True)
+    assert again.read_text() == "mine"

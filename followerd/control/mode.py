@@ -227,6 +227,12 @@ class Modes:
             self._doubt_since = min(self._doubt_since, now)
             self._go(Signal.UNSURE, now, reason)
 
+    def jumped(self, distance: float, now: float) -> None:
+        """The place on the map that the tracker lives by jumped so far, m (FAILSAFES F17)."""
+        reason = Reason(StopReason.ABSURD_DATA, "localizer", f"jumped by {distance:.2f} m")
+        self._good, self._doubt_since = 0, min(self._doubt_since, now)
+        self._go(Signal.UNSURE, now, reason)
+
     def fault(self, fault: Fault, now: float) -> None:
         """Take a device's failure or its recovery; a recovery alone moves nothing."""
         if fault.recovered:

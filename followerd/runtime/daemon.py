@@ -6,6 +6,7 @@ import structlog
 
 from followerd import clock
 from followerd.control.mode import Action
+from followerd.control.novelty import Novelty
 from followerd.errors import UsageError
 from followerd.estimation.gaze import Gaze
 from followerd.hw.interfaces import Base, ExposureLock, PanTilt, Sensor
@@ -32,6 +33,7 @@ from followerd.trackers.looking import Looking
 from followerd.trackers.sweeping import Sweeping
 
 EARLY = 0.001  # s that a timer may fire before its time
+STUCK = 3  # repetitions in a row that are worth a word
 LATE = 0.2  # s that the loop may be held up
 TICK = 0.05  # s without any event after which staleness is looked at
 
@@ -71,6 +73,7 @@ class Daemon:
         self.measurement_watchers: list[Callable[[Measurement], None]] = [self.stats.measured]
         if shadows is not None:
             self.decision_watchers.append(shadows.note)
+        self._novelty = Novelty()
         self._gaze = Gaze()
         self._motors = False
         self._look: LookAt | None = None
@@ -98,6 +101,8 @@ class Daemon:
             aimed = self._gaze.aimed(measurement)
         for watch in self.measurement_watchers:
             watch(aimed or measurement)
+        if not self._is_new(measurement):
+            return
         if isinstance(aimed, Image):
             self.vision.offer(aimed)
         elif isinstance(aimed, PtzState):
@@ -106,6 +111,16 @@ class Daemon:
             self.handle(aimed)
             if self.scanning is not None and isinstance(aimed, Scan):
                 self.scanning.take(aimed, self.pipeline.pose)
+
+    def _is_new(self, measurement: Measurement) -> bool:
+        """What a stuck device repeats is not used: the robot stops as when it says nothing."""
+        wish = None if self.decision is None else self.decision.command.motion
+        if self._novelty.is_new(measurement, wish, clock.now()):
+            return True
+        kind = type(measurement).__name__.lower()
+        if self._novelty.repeated[kind] == STUCK:
+            log.warning("a device repeats itself", measurement=kind)
+        return False
 
     def handle(self, event: Event) -> Decision:
         """One event through the pipeline, and its command to the base."""

@@ -195,8 +195,8 @@ class Session:
                 self._lost = lost
                 self._wake.set()
                 return
-            if self.writer.served is not None:
-                self._on_sent(self.writer.served, clock.now())
+        if self.writer.served is not None:
+            self._on_sent(self.writer.served, clock.now())
         if self.writer.wake_at(now) < self._asleep_until:
             self._wake.set()
 

@@ -77,6 +77,7 @@ class Writer:
         self.served: Command | None = None  # the newest command, when the last `due` completed it
         self._command: Command | None = None  # waits to be served
         self._open_until = -inf  # s; -inf = gate closed
+        self._ran_out = False  # a command expired, and none came since
         self._wanted: dict[Channel, bytes] = {}
         self._sent: dict[Channel, tuple[bytes, float]] = {}
         self._stop = HALT
@@ -122,12 +123,13 @@ class Writer:
         wanted = None if command.motion is None else self._setpoints(command.motion)
         if wanted is None:
             self._close(BRAKE if command.emergency else HALT)
-            self._command = command if self._stop_due <= now else None
+            # what was stopped because it expired is stopped already: said with the stop's decision
+            self._command = command if self._stop_due <= now or self._ran_out else None
         elif command.expires > now and self._status is not None and self._status.motors:
             if was_late:
                 # the firmware may have stopped meanwhile and would go on with old setpoints
                 self._urgent += HALT
-            self._open_until = command.expires
+            self._open_until, self._ran_out = command.expires, False
             self._wanted = wanted
             self._forget_other_mode()
             self._command = command if any(self._changed(wanted)) else None
@@ -181,10 +183,12 @@ class Writer:
         elif self.is_settled:
             data += self._waiting_due() or self._relayed_due(0)
         self._tokens -= len(data)
-        done = bool(data) and not (self.is_open and any(self._changed(self._wanted)))
+        stopped = self._ran_out and self._command is not None
+        done = stopped or (bool(data) and not (self.is_open and any(self._changed(self._wanted))))
         self.served = self._command if done else None
         if done:
             self._command = None
+            self._ran_out = self._ran_out and not stopped
         return data
 
     def wake_at(self, now: float) -> float:
@@ -209,6 +213,7 @@ class Writer:
         expired = self.is_open and now >= self._open_until - EPSILON
         if expired:
             self._close(HALT)
+            self._command, self._ran_out = None, True
         return expired
 
     def _close(self, stop: bytes) -> None:

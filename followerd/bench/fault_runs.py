@@ -1,0 +1,245 @@
+"""One run with faults: when the robot stopped, how far it went, whom it came near."""
+
+import asyncio
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import cos, hypot
+from typing import Any
+
+import cv2
+import numpy as np
+
+from followerd import app, clock
+from followerd.bench.closed_loop import simulate
+from followerd.config import load
+from followerd.control.mode import Action
+from followerd.hw.p2os.writer import BRAKE, HALT
+from followerd.messages import Decision, Mode, StopReason
+from followerd.runtime import logs
+from followerd.runtime.auto_operator import AutoOperator
+from followerd.runtime.daemon import Daemon
+from followerd.runtime.stats import Stop
+from followerd.sim.faults import Fault, FaultKind
+from followerd.sim.truth import Truth
+
+HUNG = "decisions:stuck"  # not a device: the pipeline decides nothing new (F1)
+BROKEN = frozenset(
+    {
+        StopReason.SCAN_STALE, StopReason.IMAGE_STALE, StopReason.ODOMETRY_STALE,
+        StopReason.DECISION_STALE, StopReason.ABSURD_DATA, StopReason.LINK_LOST,
+        StopReason.DEVICE_REFUSED, StopReason.LOOP_LATE, StopReason.TARGET_UNSURE,
+        StopReason.TARGET_LOST, StopReason.WHEEL_STALL, StopReason.BUMPER,
+        StopReason.MOTORS_OFF, StopReason.STOP_BUTTON, StopReason.LOW_BATTERY,
+    }
+)  # fmt: skip
+CONFIG = {"laser.baud": 38400, "laser.resolution_deg": 1, "record.raw_bytes": True}
+LENGTH = 4.0  # s, of a fault
+AFTER = 4.0  # s that a run goes on behind it
+NEAR, FAST = 0.45, 0.1  # m, m/s: nearer and faster is an approach
+MOVES = 0.05  # m/s or rad/s
+STANDS = 0.01  # the same
+SLACK = 0.06  # s from a decision to its stop's last byte, what was under way included
+REARM = 2.0  # s between the looks of who arms again
+GIVEN_UP = 4.0  # s without anybody in sight, before the person is shown again
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One run: `fault` as `device:name`, `device:name` = `none` without any, `mixed` with many."""
+
+    fault: str
+    scenario: str
+    seed: int
+    duration: float | None = None  # s; None = as long as the fault asks
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What came of a run; None = it did not stop, or did not move when the fault began."""
+
+    moved: bool  # when the fault began
+    time_to_stop: float | None  # s, from the fault to zero velocity's last byte
+    standstill: float | None  # s, from the fault
+    stop_distance: float | None  # m, from the fault to standstill
+    collisions: int
+    approaches: int
+    wrong_follow: float  # m
+    false_stops: int  # because of a device, without a fault
+    unnamed_stops: int  # without reason, device or time (F19)
+    stops: int
+    sound: float  # s armed without a fault
+    following: float  # s
+
+
+def run(job: Job) -> Outcome:
+    """The run of a job; the same job gives the same outcome."""
+    cv2.setNumThreads(1)
+    logs.configure("error")
+    rng = np.random.default_rng([job.seed, 11])
+    start = float(rng.uniform(8.0, 14.0))
+    duration = start + LENGTH + AFTER if job.duration is None else job.duration
+    faults = _faults(job.fault, start, duration, rng)
+    config = load("hpf-sim", {"sim.scenario": job.scenario, "seed": job.seed, **CONFIG})
+    rig = app.rig(config, faults)
+    witness = Witness(config.base.model_dump().get("baud") or 9600)
+
+    def attach(daemon: Daemon) -> None:
+        witness.attach(daemon)
+        if job.fault == HUNG:
+            asyncio.get_running_loop().call_at(start, hang, daemon)
+        if job.fault == "mixed":
+            witness.operator = asyncio.ensure_future(rearm(daemon))
+
+    follow = simulate(config, duration, attach, world=rig)["follow"]
+    hurt = [(f.start, f.end + AFTER) for f in faults] or [(duration, duration)]
+    if job.fault == HUNG:
+        hurt = [(start, duration)]
+    single = job.fault not in ("none", "mixed")
+    stopped = witness.stopped(start, start + LENGTH + AFTER) if single else None
+    return _outcome(rig.truths, witness, follow, hurt, start, stopped)
+
+
+def hang(daemon: Daemon) -> None:
+    """From now on nothing new is decided: every event gets the last command again."""
+    last = daemon.decision
+    assert last is not None
+    vars(daemon.pipeline)["step"] = lambda _event, now: replace(last, stamp=now)
+
+
+async def rearm(daemon: Daemon) -> None:
+    """Who stands by: arms again after each stop, and shows the person who was lost again."""
+    operator, idle = AutoOperator(daemon), 0.0
+    while True:
+        await clock.sleep(REARM)
+        mode = None if daemon.decision is None else daemon.decision.mode
+        if not daemon.pipeline.modes.confirmed:
+            continue
+        idle = idle + REARM if mode is Mode.IDLE else 0.0
+        if idle > GIVEN_UP:
+            await clock.within(GIVEN_UP, operator.run())
+        elif mode in (Mode.DISARMED, Mode.FAULT, Mode.IDLE):
+            daemon.act(Action.ARM)
+
+
+def _faults(name: str, start: float, duration: float, rng: np.random.Generator) -> list[Fault]:
+    if name in ("none", HUNG):
+        return []
+    if name != "mixed":
+        return [Fault.parse(f"{name}@{start:.3f}+{LENGTH}")]
+    faults, at = [], start
+    kinds = list(FaultKind)
+    while at < duration:
+        device = ("robot", "laser", "camera")[int(rng.integers(3))]
+        kind = kinds[int(rng.integers(len(kinds)))]
+        faults.append(Fault(device, kind, at, float(rng.uniform(0.2, 3.0))))
+        at += float(rng.uniform(8.0, 30.0))
+    return faults
+
+
+class Witness:
+    """Hears what goes to the base, and keeps the decisions."""
+
+    def __init__(self, baud: int) -> None:
+        self.decisions: list[Decision] = []
+        self.halts: list[float] = []  # s, last byte
+        self.stops: list[Stop] = []
+        self.operator: asyncio.Future[None] | None = None
+        self._baud = baud
+
+    def attach(self, daemon: Daemon) -> None:
+        """Look at a daemon."""
+        daemon.decision_watchers.append(self.decisions.append)
+        daemon.line_watchers.append(self._hear)
+        self.stops = daemon.stats.stops
+
+    def stopped(self, start: float, end: float) -> float | None:
+        """When (s) the base was told to stop because something broke after `start`."""
+        for decision in self.decisions:
+            if start <= decision.stamp <= end and decision.command.stops and _is_broken(decision):
+                halts = [t for t in self.halts if start <= t <= decision.stamp + SLACK]
+                return halts[-1] if halts else None
+        # a decision that hangs names nothing
+        hangs = self.decisions[-1].command.expires < self.decisions[-1].stamp - 1.0
+        halts = [t for t in self.halts if start <= t <= end]
+        return halts[0] if halts and hangs and not self.decisions[-1].command.stops else None
+
+    def _hear(self, device: str, data: bytes, now: float) -> None:
+        if device == "base-sent" and (HALT in data or BRAKE in data):
+            self.halts.append(now + 10 * len(data) / self._baud)
+
+
+def _is_broken(decision: Decision) -> bool:
+    return any(r.full_stop and r.stop in BROKEN for r in decision.reasons)
+
+
+def _outcome(
+    truths: Sequence[Truth],
+    witness: Witness,
+    follow: dict[str, Any],
+    hurt: Sequence[tuple[float, float]],
+    start: float,
+    stopped: float | None,
+) -> Outcome:
+    at = next((truth for truth in truths if truth.stamp >= start), truths[-1])
+    moved = max(abs(at.twist.v), abs(at.twist.omega)) > MOVES
+    stopped = stopped if moved else None
+    standstill, distance = (None, None) if stopped is None else _to_standstill(
+        truths, start, stopped
+    )  # fmt: skip
+    ill = {reason.name.lower() for reason in BROKEN}
+    false = [
+        stop
+        for stop in witness.stops
+        if stop.reason in ill and not any(first <= stop.at <= last for first, last in hurt)
+    ]
+    armed = [d for d in witness.decisions if d.mode is Mode.FOLLOWING]
+    times = np.array([d.stamp for d in armed])
+    steps = np.minimum(np.diff(times), 0.1) if len(times) > 1 else np.zeros(0)
+    sound = [not any(a <= t <= b for a, b in hurt) for t in times[1:]]
+    return Outcome(
+        moved=moved,
+        time_to_stop=None if stopped is None else stopped - start,
+        standstill=standstill,
+        stop_distance=distance,
+        collisions=truths[-1].collisions,
+        approaches=approaches(truths),
+        wrong_follow=follow["wrong_follow_m"] or 0.0,
+        false_stops=len(false),
+        unnamed_stops=sum(
+            not (stop.reason and stop.device) or stop.time_to_stop is None for stop in witness.stops
+        ),
+        stops=len(witness.stops),
+        sound=float(steps[sound].sum()) if len(steps) else 0.0,
+        following=float(steps.sum()),
+    )
+
+
+def _to_standstill(
+    truths: Sequence[Truth], start: float, stopped: float
+) -> tuple[float | None, float | None]:
+    """Time and way from `start` until the robot stands."""
+    way, before = 0.0, None
+    for truth in truths:
+        if truth.stamp < start:
+            continue
+        if before is not None:
+            way += hypot(truth.pose.x - before.x, truth.pose.y - before.y)
+        before = truth.pose
+        still = max(abs(truth.twist.v), abs(truth.twist.omega)) < STANDS
+        if still and truth.stamp >= stopped:
+            return truth.stamp - start, way
+    return None, None
+
+
+def approaches(truths: Sequence[Truth]) -> int:
+    """How often the robot itself drove toward a person nearer than NEAR, faster than FAST."""
+    count, was = 0, False
+    for truth in truths:
+        velocity = truth.twist.v
+        near = any(
+            actor.distance < NEAR and velocity * cos(actor.bearing) > FAST
+            for actor in (truth.target, *truth.others)
+        )
+        count += near and not was
+        was = near
+    return count

@@ -1,0 +1,130 @@
+"""Suite `faults`: every fault of every device while a person is followed, bytes and all.
+
+Times count from the fault to the last byte of zero velocity. A fault need not stop the robot: how
+many of the runs that drove were stopped stands beside the times. `mixed` is a long drive with one
+fault after the other and somebody who arms again; `none` is the same without faults.
+"""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from itertools import product
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from followerd.bench.fault_runs import HUNG, Job, Outcome, run
+from followerd.bench.report import Report
+from followerd.bench.rows import Row
+from followerd.bench.sweep import sweep
+from followerd.sim.faults import FaultKind
+
+TRACKER = "all"
+DEVICES = ("robot", "laser", "camera")
+SCENARIOS = ("corridor", "turns", "office")  # by turns
+FIRST_SEED = 5000  # seeds below serve for tuning
+MOST_SEEDS = 8  # of each fault
+CHUNK = 300.0  # s, of the long drive
+CHUNKS, QUICK_CHUNKS = 12, 1
+NONE = 120.0  # s, of each run without faults
+QUICK_KINDS = (FaultKind.OFF, FaultKind.STUCK, FaultKind.WRONG, FaultKind.DISCONNECT)
+BYTES = (FaultKind.GARBAGE, FaultKind.WRONG, FaultKind.DROP, FaultKind.FLIP,
+         FaultKind.DUPLICATE, FaultKind.SPLIT)  # fmt: skip
+PERCENTILES: dict[str, Callable[[np.ndarray], float]] = {
+    "p50": lambda times: float(np.percentile(times, 50)),
+    "p99": lambda times: float(np.percentile(times, 99)),
+    "max": lambda times: float(times.max()),
+}
+
+Run = tuple[Job, Outcome]
+
+
+def suite(executor: Executor, seeds: int, quick: bool) -> Report:
+    """`quick`: one seed, four kinds, and five minutes of mixed faults instead of an hour."""
+    jobs = _jobs(1 if quick else min(seeds, MOST_SEEDS), quick)
+    runs = list(zip(jobs, sweep(executor, run, jobs, "faults"), strict=True))
+    return Report(rows(runs), {"time to stop": plot(runs)})
+
+
+def _jobs(seeds: int, quick: bool) -> list[Job]:
+    chunks = range(QUICK_CHUNKS if quick else CHUNKS)
+    # the longest first, so that no worker is left with one at the end
+    jobs = [Job("mixed", "corridor", FIRST_SEED + 500 + k, CHUNK) for k in chunks]
+    numbers = range(FIRST_SEED, FIRST_SEED + seeds)
+    jobs += [Job("none", SCENARIOS[k % 3], seed, NONE) for k, seed in enumerate(numbers)]
+    kinds = QUICK_KINDS if quick else tuple(FaultKind)
+    names = [HUNG, *(f"{device}:{kind.value}" for device, kind in product(DEVICES, kinds))]
+    return jobs + [
+        Job(name, SCENARIOS[k % 3], seed) for name in names for k, seed in enumerate(numbers)
+    ]
+
+
+def groups(runs: Sequence[Run]) -> dict[str, list[Outcome]]:
+    """Outcomes by F number (FAILSAFES) where the campaign has it, and by fault."""
+    found: dict[str, list[Outcome]] = {}
+    for job, outcome in runs:
+        device, _, kind = job.fault.partition(":")
+        numbers = {HUNG: "F1", "laser": "F2", "camera": "F3", "robot": "F4"}
+        names = [numbers.get(job.fault) or numbers.get(device, ""), job.fault]
+        if kind in [each.value for each in BYTES] and job.fault != HUNG:
+            names.append("F7")
+        for name in filter(None, (*names, "F19")):
+            found.setdefault(name, []).append(outcome)
+    return dict(sorted(found.items(), key=lambda item: _order(item[0])))
+
+
+def _order(name: str) -> tuple[int, str]:
+    return (int(name[1:]), "") if name[0] == "F" else (100, name)
+
+
+def rows(runs: Sequence[Run]) -> list[Row]:
+    """The figures of each group."""
+    return [row for name, outcomes in groups(runs).items() for row in _figures(name, outcomes)]
+
+
+def _figures(name: str, outcomes: Sequence[Outcome]) -> list[Row]:
+    moved = [o for o in outcomes if o.moved]
+    times = np.array([o.time_to_stop for o in moved if o.time_to_stop is not None])
+    ways = [o.stop_distance for o in moved if o.stop_distance is not None]
+    stands = [o.standstill for o in moved if o.standstill is not None]
+    hours = sum(o.sound for o in outcomes) / 3600
+    figures: dict[str, tuple[float | None, str]] = {
+        f"time_to_stop_{part}_s": (of(times) if times.size else None, "s")
+        for part, of in PERCENTILES.items()
+    }
+    figures |= {
+        "standstill_max_s": (max(stands, default=None), "s"),
+        "stop_distance_max_m": (max(ways, default=None), "m"),
+        "stopped_percent": (100 * times.size / len(moved) if moved else None, "%"),
+        "false_stops_per_hour": (_sum(outcomes, "false_stops") / hours if hours else None, "1/h"),
+        "collisions": (_sum(outcomes, "collisions"), ""),
+        "approaches": (_sum(outcomes, "approaches"), ""),
+        "wrong_follow_m": (_sum(outcomes, "wrong_follow"), "m"),
+        "unnamed_stops": (_sum(outcomes, "unnamed_stops"), ""),
+        "following_h": (_sum(outcomes, "following") / 3600, "h"),
+    }
+    return [
+        Row("faults", name, TRACKER, metric, value, unit, seeds=len(outcomes))
+        for metric, (value, unit) in figures.items()
+    ]
+
+
+def _sum(outcomes: Sequence[Outcome], name: str) -> float:
+    return float(sum(getattr(outcome, name) for outcome in outcomes))
+
+
+def plot(runs: Sequence[Run]) -> Figure:
+    """Every stop as a dot, a line per fault."""
+    found = {
+        name: [o.time_to_stop for o in outcomes if o.time_to_stop is not None]
+        for name, outcomes in groups(runs).items()
+        if ":" in name
+    }
+    figure = Figure((8.0, 1.5 + 0.2 * len(found)), layout="constrained")
+    ax = figure.subplots()
+    for place, times in enumerate(found.values()):
+        ax.plot(times, [place] * len(times), "o", color="tab:blue", alpha=0.4)
+    ax.set_yticks(range(len(found)), list(found), fontsize="small")
+    ax.set_xlabel("from the fault to zero velocity, s")
+    ax.grid(axis="x", color="0.9")
+    ax.invert_yaxis()
+    return figure
