@@ -34,6 +34,7 @@ def test_an_occlusion_is_over_when_the_person_is_seen_well_again() -> None:
     assert not held(lost, end)
 
 
+@pytest.mark.slow
 def test_every_baseline_is_a_tracker_and_every_scenario_ships() -> None:
     for changes in (*jia_rides.TRACKERS.values(), *jia_rides.ABLATIONS.values()):
         PatchesSettings.model_validate(changes)

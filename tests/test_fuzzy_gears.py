@@ -18,6 +18,7 @@ from followerd.errors import ConfigError, UsageError
 from followerd.messages import WheelSpeeds
 
 PAPER, DEFAULT = load("paper"), load("default")
+SPEED = DEFAULT.speed()
 LAW = FuzzyGears()
 ENDS = -1.0, -0.5, 0.0, 0.5, 1.0
 
@@ -86,9 +87,8 @@ def test_the_papers_centroid_never_reaches_the_ends() -> None:
 
 @given(st.floats(-1.0, 4.0), st.floats(-2.0, 2.0))
 def test_looking_up_is_inferring(x: float, v: float) -> None:
-    surface = DEFAULT.speed()
-    exact = float(surface.infer(np.clip([x], 0.0, 3.0), np.clip([v], -1.0, 1.0))[0, 0])
-    assert surface.at(x, v) == pytest.approx(exact, abs=0.01)
+    exact = float(SPEED.infer(np.clip([x], 0.0, 3.0), np.clip([v], -1.0, 1.0))[0, 0])
+    assert SPEED.at(x, v) == pytest.approx(exact, abs=0.01)
 
 
 @given(st.floats(0.1, 5.0), st.floats(-1.4, 1.4), st.floats(-2, 2), st.floats(-2, 2))

@@ -13,6 +13,7 @@ from followerd.perception.cells import Buffers, CellHistograms
 from followerd.perception.colour_bins import COLOURS, GREYS, colour_bins
 from followerd.perception.depth_band import modes, person_mode
 from followerd.perception.depth_people import bodies
+from followerd.perception.patch_detector import DetectorSettings, Found, PatchDetector
 from followerd.perception.spot import BEHIND, Spot, in_base, in_image, row
 from followerd.perception.texture import FLAT, PATTERN, patterns
 from followerd.trackers.patches import Patches, PatchesSettings
@@ -159,6 +160,17 @@ def test_bodies_are_found_among_walls() -> None:
     assert found == pytest.approx([1.9, 2.8], abs=0.02)
 
 
+def test_feet_on_the_floor_do_not_make_a_body_as_wide_as_the_floor() -> None:
+    seen = image(0, (ANN, 2.5, 0.1))
+    assert seen.depth is not None
+    down, _ = np.mgrid[: CAMERA.height, : CAMERA.width]
+    with np.errstate(divide="ignore"):
+        floor = (CAMERA.z * CAMERA.fy / (down - CAMERA.cy)).astype(np.float32)
+    floor[: int(CAMERA.cy) + 1] = np.inf
+    depth = np.fmin(seen.depth, floor)
+    assert [middle for _, middle in bodies(depth, CAMERA)] == pytest.approx([2.4], abs=0.02)
+
+
 # the tracker
 
 
@@ -173,6 +185,7 @@ def test_a_walking_person_is_placed_within_centimetres() -> None:
     assert tracker.place[2] == pytest.approx(0.5 * H, abs=0.05)
 
 
+@pytest.mark.slow
 def test_who_passes_before_the_person_is_not_followed() -> None:
     tracker = enrolled()
     phases = []
@@ -184,6 +197,32 @@ def test_who_passes_before_the_person_is_not_followed() -> None:
     assert phases[-1] is TrackPhase.CONFIRMED
 
 
+def test_who_turned_off_while_hidden_is_seen_beside_where_they_were_expected() -> None:
+    seen = image(0, (ANN, 2.5, 0.0))
+    rng = np.random.default_rng(0)
+    detector = PatchDetector(seen, box_at(2.5, 0.0), DetectorSettings(), paper=False)
+    expected = in_image(CAMERA, np.array([2.5, 0.55, 0.5 * H]))
+    assert expected is not None
+    passed = image(1, (ANN, 2.5, 0.0), (BOB, 1.9, 0.6))
+    sight = detector.look(passed, expected, 0.6, 0.1, rng)
+    assert sight.found is Found.PERSON
+    assert sight.spot is not None
+    assert in_base(CAMERA, sight.spot)[:2] == pytest.approx((2.5, 0.0), abs=0.08)
+    assert detector.look(passed, expected, 0.1, 0.1, rng).found is Found.HIDDEN
+
+
+@pytest.mark.slow
+def test_of_two_who_are_alike_the_nearer_one_is_taken_up_again() -> None:
+    tracker = enrolled()
+    for k in range(1, 25):
+        state = stepped(tracker, image(k))
+    assert state.phase is TrackPhase.LOST
+    for k in range(25, 29):
+        stepped(tracker, image(k, (ANN, 2.5, 0.1), (ANN, 1.8, 0.9)))
+    assert off(tracker, 2.5, 0.1) < 0.1
+
+
+@pytest.mark.slow
 def test_a_lamp_that_goes_off_changes_nothing() -> None:
     tracker = enrolled()
     for k, gain in enumerate(np.linspace(1.0, 0.6, 12), 1):
@@ -191,6 +230,7 @@ def test_a_lamp_that_goes_off_changes_nothing() -> None:
     assert state.phase is TrackPhase.CONFIRMED
 
 
+@pytest.mark.slow
 def test_without_depth_the_size_tells_the_distance() -> None:
     tracker = enrolled()
     for k in range(1, 8):
@@ -215,6 +255,7 @@ def test_a_grey_camera_with_depth_is_enough() -> None:
     assert off(tracker, 2.5, 0.14) < 0.06
 
 
+@pytest.mark.slow
 def test_after_a_loss_only_the_enrolled_person_is_taken_up_again() -> None:
     tracker = enrolled()
     for k in range(1, 25):

@@ -10,20 +10,22 @@ from followerd.messages import Pixels
 
 Mask = npt.NDArray[np.bool_]
 
-ONE = np.float32(1.0)
+Counts = npt.NDArray[np.uint16]
+
+ONE = np.uint16(1)
 
 
 class Buffers:
     """Memory that is used again: fresh megabytes for every image cost more than to fill them."""
 
     def __init__(self) -> None:
-        self._kept: dict[str, npt.NDArray[np.float32]] = {}
+        self._kept: dict[str, Counts] = {}
 
-    def __call__(self, name: str, *shape: int) -> npt.NDArray[np.float32]:
+    def __call__(self, name: str, *shape: int) -> Counts:
         """An array of a shape, in the memory that had the name last time; its values are left."""
         size = prod(shape)
         if name not in self._kept or size > self._kept[name].size:
-            self._kept[name] = np.empty(size + size // 4, np.float32)
+            self._kept[name] = np.empty(size + size // 4, np.uint16)
         return self._kept[name][:size].reshape(shape)
 
 
@@ -31,8 +33,8 @@ class CellHistograms:
     """Counts of bins within `mask`, for any rectangle of whole cells.
 
     `images` (H, W) hold bins, of which each has `bins`; their histograms lie one after another.
-    `left`, `top` is where the images lie in the frame, px. The counts hold until the buffers are
-    used anew.
+    `left`, `top` is where the images lie in the frame, px. Sums may run over: they are counted
+    modulo 2^16, and so are their differences, which are right for patches of less than that.
     """
 
     def __init__(
@@ -53,7 +55,7 @@ class CellHistograms:
         row = (np.arange(height) // cell + 1) * (columns + 1)
         place = (row[:, None] + np.arange(width) // cell + 1)[mask] * total
         table = buffers("table", rows + 1, columns + 1, total)
-        table.fill(0.0)
+        table.fill(0)
         flat = table.reshape(-1)
         first = 0
         for image, count in zip(images, bins, strict=True):
@@ -85,4 +87,4 @@ class CellHistograms:
         np.take(self._table.reshape(-1, total), at, axis=0, out=corner, mode="clip")
         np.subtract(corner[:, 1:], corner[:, :-1], out=strip)
         np.subtract(strip[:, :, 1:], strip[:, :, :-1], out=patch)
-        return patch.reshape(count, -1, total)
+        return patch.reshape(count, -1, total).astype(np.float32)

@@ -8,6 +8,7 @@ import numpy as np
 from followerd.geometry import Array, Camera
 from followerd.messages import Box
 from followerd.perception.depth_band import FARTHEST, HALF_BAND, Depth
+from followerd.perception.spot import row
 
 NEAREST = 0.8  # m
 SPACING = 0.25  # m between two layers that are searched
@@ -40,11 +41,11 @@ def outline(depth: Depth, seed: Box, middle: float, camera: Camera, downward: bo
 
 def _reached(body: Array, start: int, way: int, gap: float) -> int:
     """The last row from `start` on, up (-1) or down (+1), before a gap of more than `gap` rows."""
-    last = row = start
-    while 0 <= row < len(body) and abs(row - last) <= gap:
-        if body[row]:
-            last = row
-        row += way
+    last = here = start
+    while 0 <= here < len(body) and abs(here - last) <= gap:
+        if body[here]:
+            last = here
+        here += way
     return last
 
 
@@ -55,6 +56,8 @@ def bodies(depth: Depth, camera: Camera) -> list[tuple[Box, float]]:
     for middle in np.arange(NEAREST, FARTHEST - SPACING, SPACING).tolist():
         with np.errstate(invalid="ignore"):
             layer = np.abs(small - np.float32(middle)) < HALF_BAND
+        floor = row(camera, middle + HALF_BAND, 0.0)
+        layer[max(ceil(floor / SHRINK), 0) :] = False  # feet and floor are of one depth
         if not layer.any():
             continue
         _, _, stats, _ = cv2.connectedComponentsWithStats(layer.view(np.uint8), connectivity=4)

@@ -6,6 +6,7 @@ by a ratio of histograms, has no meaning); the depth is looked for around where 
 
 from dataclasses import dataclass, replace
 from enum import Enum
+from math import exp
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from followerd.errors import UsageError
 from followerd.geometry import Array
 from followerd.messages import Box, Image
 from followerd.perception.cells import Buffers
-from followerd.perception.depth_band import Band, Depth, crop, modes, person_mode
+from followerd.perception.depth_band import Band, Depth, Mode, crop, modes, person_mode
 from followerd.perception.depth_people import bodies
 from followerd.perception.patches import (
     PatchModel,
@@ -25,6 +26,7 @@ from followerd.perception.patches import (
     accepted,
     box_of,
     confidence,
+    surely,
 )
 from followerd.perception.spot import Spot, in_base, row
 from followerd.perception.whole_person import whole
@@ -41,6 +43,7 @@ WIDEST = 2.5  # times the usual search, for who was not seen for a while
 UNKNOWN = 0.7  # share of a box without depth: sunlight
 BODIES = 3  # that are looked at in one image
 SHIFTS = np.linspace(-0.3, 0.3, 7)  # of a body's box, in its widths, when found again
+ASIDE = np.array([-1.0, -0.5, 0.5, 1.0])  # of the reach, where who turned off is looked for
 LIFTS = np.linspace(-0.04, 0.04, 3)  # in its heights
 
 
@@ -127,22 +130,27 @@ class PatchDetector:
         """The person near where they are expected, `gate` m off at most in any direction."""
         s = self.settings
         depth, middle = self._depth(image), expected.depth
+        reach = gate * image.camera.fx / middle
+        nobody = Found.NOTHING
         if depth is not None:
             box = self.box(expected, image)
             here = modes(depth, box)
             mode = person_mode(here, middle, min(gate, s.gate_m))
-            if mode is not None:
-                middle = mode.depth
-            elif _missing(depth, box) > UNKNOWN:
+            if mode is None and _missing(depth, box) <= UNKNOWN:
+                before = sum(m.mass for m in here if m.depth < middle - 0.5 * s.gate_m)
+                nobody = Found.HIDDEN if before > 0.5 else Found.NOTHING
+                mode, aside = self._aside(depth, box, middle, min(gate, s.gate_m), reach)
+                if mode is None:
+                    return Sight(nobody)
+                expected = replace(expected, u=expected.u + aside)
+            if mode is None:
                 depth = None
             else:
-                before = sum(m.mass for m in here if m.depth < middle - 0.5 * s.gate_m)
-                return Sight(Found.HIDDEN if before > 0.5 else Found.NOTHING)
-        reach = gate * image.camera.fx / middle
+                middle = mode.depth
         boxes = self._candidates(image, replace(expected, depth=middle), reach, rng)
         shown = self._shown(image, depth, middle, boxes)
         if shown is None:
-            return Sight(Found.NOTHING)
+            return Sight(nobody)
         verdict = self.model.judge(shown.view, occlusion=s.occlusion)
         best = int(verdict.score.argmax())
         hidden = float(verdict.hidden[best]) if s.occlusion else 0.0
@@ -150,8 +158,8 @@ class PatchDetector:
             self.model.distrust()
         if hidden > s.patch.full:
             return Sight(Found.HIDDEN)
-        if not accepted(verdict, best, s.patch, s.patch.passing):
-            return Sight(Found.HIDDEN if hidden > s.patch.partial else Found.NOTHING)
+        if not accepted(verdict, best, s.patch):
+            return Sight(Found.HIDDEN if hidden > s.patch.partial else nobody)
         self._gain = shown.gain
         is_whole = hidden <= s.patch.partial
         if is_whole:
@@ -163,7 +171,8 @@ class PatchDetector:
     def find(self, image: Image, near: Array | None, reach: float) -> Sight:
         """The person anywhere in an image with depth, by how they looked first.
 
-        Bodies farther than `reach` m from `near` (3,), in `base`, are somebody else.
+        Bodies farther than `reach` m from `near` (3,), in `base`, are somebody else; of those who
+        are alike the nearer one is chosen.
         """
         depth, camera, patch = self._depth(image), image.camera, self.settings.patch
         if depth is None:
@@ -172,7 +181,8 @@ class PatchDetector:
         looked = 0
         for body, middle in bodies(depth, camera):
             spot = Spot(body.centre[0], row(camera, middle, self.middle), middle)
-            if near is not None and np.hypot(*(in_base(camera, spot) - near)[:2]) > reach:
+            away = 0.0 if near is None else float(np.hypot(*(in_base(camera, spot) - near)[:2]))
+            if away > reach:
                 continue
             looked += 1
             boxes = self._around(image, spot)
@@ -183,9 +193,9 @@ class PatchDetector:
             verdict = self.model.judge(shown.view, first_only=True, occlusion=occlusion)
             one = int(verdict.score.argmax())
             is_whole = verdict.hidden[one] <= patch.partial
-            is_best = verdict.score[one] > best
-            if is_best and is_whole and accepted(verdict, one, patch, patch.strictly):
-                best = float(verdict.score[one])
+            score = float(verdict.score[one]) * exp(-2.0 * (away / reach) ** 2)
+            if score > best and is_whole and surely(verdict, one, patch):
+                best = score
                 who = Sight(Found.PERSON, confidence(verdict, one))
                 sight = self._placed(who, image, boxes[one], middle, shown)
                 self._gain = shown.gain
@@ -197,6 +207,19 @@ class PatchDetector:
         """The whole person's box around a spot."""
         metre = image.camera.fy / max(spot.depth, 0.3)
         return Box.around(spot.u, spot.v, self.width * metre, self.height * metre)
+
+    def _aside(
+        self, depth: Depth, box: Box, middle: float, gate: float, reach: float
+    ) -> tuple[Mode | None, float]:
+        """The fullest mode near the expected depth in boxes aside, and how far aside, px."""
+        best: Mode | None = None
+        shift = 0.0
+        for dx in (reach * ASIDE).tolist():
+            there = modes(depth, replace(box, x=box.x + dx))
+            mode = person_mode(there, middle, gate)
+            if mode is not None and (best is None or mode.mass > best.mass):
+                best, shift = mode, dx
+        return best, shift
 
     def _depth(self, image: Image) -> Depth | None:
         return image.depth if self.settings.use_depth else None

@@ -243,13 +243,24 @@ class PatchModel:
         return View(*parts)
 
 
-def accepted(verdict: Verdict, box: int, settings: PatchSettings, share: float) -> bool:
+def accepted(verdict: Verdict, box: int, settings: PatchSettings) -> bool:
     """Whether a box is the person: both features pass, or one does where light or pose changed."""
-    if verdict.usable[box] < min(settings.least_patches, settings.patches**2):
-        return False
     both = min(verdict.colour[box], verdict.texture[box])
     one = max(verdict.colour[box], verdict.texture[box])
-    return bool(both >= share or (one >= 0.9 and both >= 0.5 * share))
+    share = settings.passing
+    passes = both >= share or (one >= 0.9 and both >= 0.5 * share)
+    return bool(passes and _tells(verdict, box, settings))
+
+
+def surely(verdict: Verdict, box: int, settings: PatchSettings) -> bool:
+    """Whether a box is the person wherever it is: both features pass."""
+    both = min(verdict.colour[box], verdict.texture[box])
+    return bool(both >= settings.strictly and _tells(verdict, box, settings))
+
+
+def _tells(verdict: Verdict, box: int, settings: PatchSettings) -> bool:
+    """Whether enough of a box is to be seen."""
+    return bool(verdict.usable[box] >= min(settings.least_patches, settings.patches**2))
 
 
 def confidence(verdict: Verdict, box: int) -> float:
