@@ -146,6 +146,7 @@ def thinking(config: Config) -> tuple[Tracker, Pipeline]:
         np.random.default_rng([config.seed, 2]),
         _localizer(config, floor),
         tracker.needs,
+        None if floor is None else floor.walls,
     )
 
 

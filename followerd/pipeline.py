@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from math import hypot, inf
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field, PositiveFloat
 
 from followerd.control.freshness import Freshness, StreamName
@@ -17,8 +18,9 @@ from followerd.estimation.ego_motion import EgoMotion, EgoMotionSettings
 from followerd.estimation.foresight import Foresight, ForesightSettings
 from followerd.estimation.localizer import Localizer
 from followerd.estimation.ranging import Person
-from followerd.geometry import Pose2
+from followerd.geometry import Array, Pose2
 from followerd.messages import (
+    Clusters,
     Decision,
     Fault,
     LookAt,
@@ -33,6 +35,7 @@ from followerd.messages import (
     Wish,
 )
 from followerd.perception.clusters import ClusterSettings, find_clusters
+from followerd.perception.foreground import on_walls
 from followerd.settings import Settings
 
 
@@ -98,6 +101,8 @@ class PipelineSettings(Settings):
     foresight: ForesightSettings = ForesightSettings()
     modes: ModeSettings = ModeSettings()
     guard: GuardSettings = GuardSettings()
+    mapped_m: float = Field(0.1, gt=0, le=0.12, description="returns so near a mapped wall are it")
+    mapped_sigma_m: float = Field(0.08, gt=0, le=0.1, description="while the pose is known so well")
     stale_after_s: dict[StreamName, PositiveFloat] = Field(default_factory=dict)
 
 
@@ -111,14 +116,16 @@ class Pipeline:
         rng: np.random.Generator | None = None,
         localizer: Localizer | None = None,
         needs: Collection[str] = ("image",),
+        walls: Array | None = None,
     ) -> None:
         """`rng` is that of a foresight by particles, `needs` the streams that the tracker lives by.
 
-        A `localizer` has been started.
+        A `localizer` has been started; `walls` (K, 2, 2), m, are those of its map.
         """
         self.settings = settings
         self.controller = controller
         self.localizer = localizer
+        self._walls: Array = np.empty((0, 2, 2)) if walls is None else walls
         self.pose: RobotPose | None = None  # of the newest scan
         self._by_map = "pose" in needs
         self.freshness = Freshness(settings.stale_after_s, DRIVEN_BY.union(needs))
@@ -206,8 +213,8 @@ class Pipeline:
         if base is not None:
             points = scan.points()
             clusters = find_clusters(scan, points, self.settings.clusters)
-            self._view = View(scan, points, clusters, base)
             self._localize(scan, base, now)
+            self._view = View(scan, points, clusters, base, self._mapped(points, clusters))
             self.association.scan(clusters, base)
             if carried := self.association.carried(base, scan.stamp):
                 self._judge(carried, now)
@@ -230,6 +237,20 @@ class Pipeline:
         jump = hypot(moved.x - self.pose.map_from_base.x, moved.y - self.pose.map_from_base.y)
         if self._by_map and jump > JUMP:
             self.modes.jumped(jump, now)
+
+    def _mapped(self, points: Array, clusters: Clusters) -> npt.NDArray[np.bool_] | None:
+        """Which clusters (K,) are the map's walls, as a board's end is; None while lost."""
+        pose, s = self.pose, self.settings
+        if pose is None or pose.lost or not len(self._walls):
+            return None
+        if float(pose.covariance.diagonal()[:2].max()) > s.mapped_sigma_m**2:
+            return None
+        mapped = np.zeros(len(clusters.first), np.bool_)
+        near = clusters.leg_like & (clusters.nearest < s.guard.person_within_m)
+        k = np.flatnonzero(near)
+        walls = (~pose.map_from_base).apply(self._walls.reshape(-1, 2)).reshape(-1, 2, 2)
+        mapped[k] = on_walls(points, clusters.first[k], clusters.last[k], walls, s.mapped_m)
+        return mapped
 
     def _take_track(self, tracked: Tracked, now: float) -> None:
         if tracked.frame_id is not None:

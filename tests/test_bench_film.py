@@ -5,7 +5,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
+from followerd.bench import overlay
 from followerd.bench.film import Film
 from followerd.bench.top_view import CLAIM, ROBOT, TARGET, TopView
 from followerd.geometry import Camera, Pose2
@@ -95,3 +97,24 @@ def test_frames_that_nobody_decides_on_are_filmed_too(tmp_path: Path) -> None:
         film.measured(image(number))
     film.close()
     assert len(frames_in(tmp_path / "film.mp4")) == 20
+
+
+def test_a_track_of_scans_is_written_on_the_frames_it_has_overtaken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    film = Film(tmp_path / "film.png", 15.0, load("corridor"), truth)
+    drawn: list[tuple[int, Decision | None]] = []
+    monkeypatch.setattr(film, "_write", lambda seen, decision: drawn.append((seen.id, decision)))
+    for number in range(3):
+        film.measured(image(number))
+    track = TrackState(1.5 / 15, TrackPhase.OCCLUDED, 0.7, bearing=0.4, range=2.2)
+    decided = Decision(0, 0.1, Mode.FOLLOWING, track, None, Command(0.1, None))
+    film.decided(decided)
+    assert drawn == [(0, decided), (1, decided)]
+
+
+def test_particles_on_the_floor_are_not_drawn_into_the_picture() -> None:
+    track = TrackState(0.1, TrackPhase.CONFIRMED, 0.9, particles=np.array([[60.0, 40.0]]))
+    without = TrackState(0.1, TrackPhase.CONFIRMED, 0.9)
+    pixels = image(0).pixels
+    assert (overlay.draw(pixels, track) == overlay.draw(pixels, without)).all()

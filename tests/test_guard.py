@@ -507,6 +507,16 @@ def test_the_target_is_not_another_person() -> None:
     assert twist(b.check(Twist(0.7, 0.0))).v > 0.3
 
 
+def test_what_the_map_explains_is_nobody() -> None:
+    b = bench().sees(seen((35, 3, 1.1)))
+    view = b.situation.view
+    assert view is not None
+    b.situation = replace(b.situation, view=replace(view, mapped=view.clusters.leg_like))
+    assert twist(b.check(Twist(0.7, 0.0))).v > 0.3
+    b.situation = replace(b.situation, view=replace(view, mapped=~view.clusters.leg_like))
+    assert twist(b.check(Twist(0.7, 0.0))).v == 0.3
+
+
 def test_people_far_away_do_not_slow() -> None:
     assert twist(bench().sees(seen((35, 3, 2.5))).check(Twist(0.7, 0.0))).v == 0.7
 

@@ -9,7 +9,7 @@ import pytest
 from followerd.geometry import Array, Pose2
 from followerd.messages import Scan
 from followerd.perception.background import Background, BackgroundSettings
-from followerd.perception.foreground import ForegroundSettings, foreground
+from followerd.perception.foreground import ForegroundSettings, foreground, on_walls
 from followerd.perception.legs import LegSettings, People, find_people, speckle
 from tests.laser_scenes import legs, scan_of
 
@@ -168,3 +168,17 @@ def test_what_was_carried_away_is_forgotten() -> None:
     background = stood(6.0, chair, (0.0, 0.0))
     assert background.stands(chair + 0.08, 7.0).all()
     assert not background.stands(chair, 60.0).any()
+
+
+@pytest.mark.parametrize(("aside", "explained"), [(0.0, True), (0.15, False), (0.5, False)])
+def test_a_boards_end_is_the_maps_and_a_leg_beside_it_is_not(aside: float, explained: bool) -> None:
+    board = np.array(
+        [[[1.0, -0.03], [1.9, -0.03]], [[1.0, 0.03], [1.9, 0.03]], [[1.0, -0.03], [1.0, 0.03]]]
+    )
+    drawn = board.reshape(-1, 4) if explained else board.reshape(-1, 4)[:0]
+    circles = np.empty((0, 3)) if explained else np.array([[1.05, aside, 0.06]])
+    scan = scan_of(circles, walls=drawn)
+    points = scan.points()
+    near = np.flatnonzero(np.hypot(*points.T) < 1.5)
+    first, last = near[:1], near[-1:]
+    assert on_walls(points, first, last, board, 0.1).tolist() == [explained]

@@ -58,8 +58,15 @@ class Film:
                 self._write(self._waiting.pop(min(self._waiting)), None)
 
     def decided(self, decision: Decision) -> None:
-        """Write the frame that the decision's track stands on, and those skipped before it."""
+        """Write the frame that the decision's track stands on, and those skipped before it.
+
+        A track of scans stands on no frame: it is written on those that it has overtaken.
+        """
         track = decision.track
+        if track is not None and track.frame_id is None:
+            for number in sorted(n for n, i in self._waiting.items() if i.stamp <= track.stamp):
+                self._write(self._waiting.pop(number), decision)
+            return
         if track is None or track.frame_id not in self._waiting:
             return
         for number in sorted(n for n in self._waiting if n <= track.frame_id):

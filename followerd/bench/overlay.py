@@ -25,7 +25,7 @@ def draw(pixels: Pixels, track: TrackState | None, note: str = "") -> Pixels:
         return canvas
     for candidate in track.candidates:
         _rectangle(canvas, candidate, zoom, WHITE, 1)
-    if track.particles is not None:
+    if track.particles is not None and track.frame_id is not None:  # else in m, on the floor
         _scatter(canvas, track.particles[:, :2], zoom)
     shade = BLUE if track.phase is TrackPhase.OCCLUDED else RED
     if track.box is not None:

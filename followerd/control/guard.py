@@ -202,6 +202,8 @@ class Guard:
         if not others.any():
             return v
         others &= (v * seen.centre[:, 0] > 0) & (abs(seen.centre[:, 1]) < s.person_aside_m)
+        if view.mapped is not None:
+            others &= ~view.mapped
         for beams in claimed:
             others &= (seen.last < beams.start) | (seen.first >= beams.stop)
         if not others.any():

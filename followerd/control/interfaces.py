@@ -5,6 +5,9 @@ from dataclasses import dataclass
 from math import inf
 from typing import Protocol, runtime_checkable
 
+import numpy as np
+import numpy.typing as npt
+
 from followerd.geometry import Array, Pose2
 from followerd.messages import Clusters, LookAt, Odometry, Scan, Sight, TrackPhase, Twist, Wish
 
@@ -28,6 +31,7 @@ class View:
     points: Array  # (N, 2) m, end points in `base` then, nan where nothing was seen
     clusters: Clusters
     base: Pose2  # odom_from_base then
+    mapped: npt.NDArray[np.bool_] | None = None  # (K,) clusters that the map's walls explain
 
 
 def unforeseen(stamp: float) -> float | None:

@@ -16,6 +16,7 @@ from followerd.messages import Scan
 from followerd.settings import Settings
 
 Mask = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.intp]
 
 PARALLEL = 1e-12  # a beam this parallel to a wall misses it
 
@@ -48,6 +49,19 @@ def foreground(
     margin = settings.from_walls_m + settings.from_walls_share * ranges[beams]
     shown[beams] = _to_walls(points, ends) > margin
     return shown
+
+
+def on_walls(points: Array, first: Indices, last: Indices, walls: Array, within: float) -> Mask:
+    """Which groups (M,) of a scan's end points lie whole on walls, to `within` m.
+
+    `first` and `last` (M,) are a group's first and last row of `points` (N, 2).
+    """
+    whole = np.zeros(len(first), np.bool_)
+    for k, (start, end) in enumerate(zip(first.tolist(), last.tolist(), strict=True)):
+        group = points[start : end + 1]
+        group = group[np.isfinite(group[:, 0])]
+        whole[k] = bool((_to_walls(group, walls) < within).all())
+    return whole
 
 
 def _expected(angles: Array, walls: Array) -> Array:
