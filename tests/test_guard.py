@@ -511,6 +511,10 @@ def test_people_far_away_do_not_slow() -> None:
     assert twist(bench().sees(seen((35, 3, 2.5))).check(Twist(0.7, 0.0))).v == 0.7
 
 
+def test_somebody_near_but_well_beside_the_way_does_not_slow() -> None:
+    assert twist(bench().sees(seen((80, 3, 1.1))).check(Twist(0.7, 0.0))).v == 0.7
+
+
 # --- backward
 
 
