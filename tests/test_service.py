@@ -120,7 +120,7 @@ def test_the_guide_says_what_to_do_on_each_stop() -> None:
 
 def test_the_service_is_installed_where_a_package_wants_it(tmp_path: Path) -> None:
     root = UNIT.parent.parent
-    command = ["make", "-C", root, "install-service", f"DESTDIR={tmp_path}"]
+    command = ["make", "-C", str(root), "install-service", f"DESTDIR={tmp_path}"]
     subprocess.run(command, capture_output=True, check=True)
     assert (tmp_path / "etc/systemd/system/followerd.service").read_text() == UNIT.read_text()
     rules = (tmp_path / "etc/udev/rules.d/60-followerd.rules").read_text()
