@@ -72,6 +72,8 @@ def is_told(node: ast.AST) -> bool:
 def places(tree: ast.AST) -> Iterator[tuple[ast.AST, str, int | None]]:
     """Each node's parent, and the field (and index) that holds it."""
     for name, value in ast.iter_fields(tree):
+        if name in ("annotation", "returns"):
+            continue
         for index, child in enumerate(value if isinstance(value, list) else [value]):
             if isinstance(child, ast.AST) and not is_told(child):
                 yield tree, name, index if isinstance(value, list) else None

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from followerd.control.freshness import Freshness
-from followerd.control.guard import Guard, Situation
+from followerd.control.guard import Guard, Situation, _since_report
 from followerd.control.interfaces import View
 from followerd.control.limits import GuardSettings
 from followerd.control.mode import Permission
@@ -521,6 +521,10 @@ def test_people_far_away_do_not_slow() -> None:
     assert twist(bench().sees(seen((35, 3, 2.5))).check(Twist(0.7, 0.0))).v == 0.7
 
 
+def test_somebody_near_but_well_beside_the_way_does_not_slow() -> None:
+    assert twist(bench().sees(seen((80, 3, 1.1))).check(Twist(0.7, 0.0))).v == 0.7
+
+
 # --- backward
 
 
@@ -652,6 +656,7 @@ def test_a_turn_counts_from_the_report_and_is_judged_by_what_is_left_of_it() -> 
     left = b.guard._twist(TurnBy(radians(15.0)), radians(10.0))
     assert degrees(left.omega) == pytest.approx(5.0 / b.settings.valid_s)
     assert b.check(TurnBy(radians(15.0))).motion == TurnBy(radians(15.0))
+    assert _since_report(Pose2(), reported) == pytest.approx(radians(10.0))
 
 
 def test_a_turn_by_an_angle_that_would_touch_goes_on_only_as_slowly_as_it_can_stop() -> None:

@@ -533,6 +533,14 @@ def test_a_hand_drives_only_as_long_as_it_asks() -> None:
     assert story.mode() is Mode.MANUAL
 
 
+def test_what_the_hand_asked_for_before_is_forgotten_when_it_takes_over_again() -> None:
+    story = by_session("page 1", Action.MANUAL)
+    story.modes.drive(Twist(0.3, 0.0), "page 1", story.now)
+    assert not story.do(Action.DISARM)
+    assert not story.modes.operate(Action.MANUAL, story.now, "page 1")
+    assert not story.modes.permission(story.now).move
+
+
 def test_only_the_hand_that_took_over_drives() -> None:
     story = by_session("page 1", Action.MANUAL)
     story.modes.drive(Twist(0.3, 0.0), "page 2", story.now)
