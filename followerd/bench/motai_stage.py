@@ -13,7 +13,7 @@ import numpy as np
 from followerd import clock
 from followerd.bench.motai_target import looks
 from followerd.estimation.foresight import Foresight, ForesightSettings
-from followerd.geometry import Camera, Pose2, wrap_angle
+from followerd.geometry import Array, Camera, Pose2, wrap_angle
 from followerd.hw.interfaces import Sink
 from followerd.messages import (
     Box,
@@ -30,6 +30,7 @@ from followerd.sim.rig import Rig
 PERIOD = 1 / 15  # s
 READOUT = 0.02  # s
 SCAN_PERIOD = 0.1  # s
+IMAGES = 400  # looks that are drawn: more than a run has
 SIDE = 40.0  # px of the target
 BLANK: Pixels = np.zeros((1, 1), np.uint8)
 
@@ -78,8 +79,8 @@ class Eye:
 
     async def run(self, sink: Sink) -> None:
         """See hw.interfaces.Sensor."""
-        noise = radians(1.0) * looks(self._rng, np.zeros(1000), self._target)
         began, k = clock.now(), 0
+        noise = self._noise(began)
         while True:
             stamp = clock.now()
             off = self._stage.off() + float(noise[k % noise.size])
@@ -88,6 +89,14 @@ class Eye:
             sink(Image(k, stamp, clock.now(), BLANK, self._camera))
             k += 1
             await clock.sleep_until(began + k * PERIOD)
+
+    def _noise(self, began: float) -> Array:
+        """What is added to the target's direction in each image, rad: the other heat source, as in
+        the open loop, stands still."""
+        times = began + PERIOD * np.arange(IMAGES)
+        true = np.degrees(np.unwrap([self._stage.direction(time) for time in times]))
+        noise: Array = np.radians(looks(self._rng, true, self._target) - true)
+        return noise
 
     def enrol(
         self, seen: Image | Scan, region: Box | tuple[float, float], ego: Pose2 | None

@@ -68,6 +68,5 @@ class Foresight:
         dt = stamp - self.newest.stamp
         if dt > self.settings.forget_s:
             return None
-        if dt > self.settings.reach_s:
-            return self.newest.pan
-        return self._predictor.ahead(dt)[0]
+        # the newest sight may have been a wrong one: the predictor knows better
+        return self._predictor.ahead(dt if dt <= self.settings.reach_s else 0.0)[0]
