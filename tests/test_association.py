@@ -370,11 +370,3 @@ def test_a_tracker_of_scans_is_believed_as_it_is() -> None:
     assert association.claimed == ()
     association.see(TrackState(1.3, TrackPhase.LOST, 0.0), HERE)
     assert association.bearing(HERE) is None
-
-
-def test_who_a_tracker_of_scans_calls_hidden_has_a_place_however_unsure_while_it_says_so() -> None:
-    association = Association()
-    unsure = replace(by_laser(1.0, TrackPhase.OCCLUDED), covariance=4.0 * np.eye(2))
-    association.see(unsure, HERE)
-    assert known(association, 1.1).sigma == pytest.approx(2.0, abs=0.05)
-    assert association.person(1.8) is None

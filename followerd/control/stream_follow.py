@@ -39,7 +39,6 @@ class StreamFollowSettings(ImageCenteringSettings):
     memory_s: float = Field(6.0, ge=0, description="what is out of view is remembered that long")
     reach_m: float = Field(5.0, gt=0, description="farther returns are not planned with")
     replan_s: float = Field(0.1, gt=0, description="between two plans, at least")
-    followed_sigma_m: float = Field(0.5, gt=0, description="of a prediction that is driven to")
     lookout: LookoutSettings = LookoutSettings()
     front_m: float = Field(0.21, gt=0, description="from the wheels' axis to the front")
     rear_m: float = Field(0.30, gt=0, description="from the wheels' axis to the rear")
@@ -92,8 +91,6 @@ class StreamFollow:
             self._course = STRAIGHT if person is None else self._planned(target, person, scene)
         if person is None:
             return self._keeping.wish(target)
-        if target.phase is not TrackPhase.CONFIRMED and target.sigma > s.followed_sigma_m:
-            return self._keeping.wish(Target(target.bearing))  # it may but turn: toward them
         near = self.nearby(scene.base)
         wish = self._keeping.wish(self._led(target, near, scene))
         return self._checked(wish, near)

@@ -15,7 +15,6 @@ from followerd.estimation.moving_point import MovingPoint
 from followerd.geometry import Array, Pose2
 from followerd.settings import Settings
 
-TOLD = 0.5  # s; what another filter says of the person holds so long, however unsure
 START_VARIANCE = 0.5  # (m/s)², of the velocity of somebody just found
 
 
@@ -79,7 +78,6 @@ class Ranging:
         self._foreseen: Person | None = None  # by the last call of `person`
         self._foreseen_at = nan  # s; nan: the state has changed since
         self._rejected = 0
-        self._placed_at = -inf  # s, another filter said where the person is
 
     @property
     def begun(self) -> bool:
@@ -99,9 +97,7 @@ class Ranging:
         if stamp != self._foreseen_at:
             then = state.after(stamp - self._stamp, self.settings.accel_density)
             person = Person(then[:2], then[2:4], then.covariance)
-            is_told = stamp - self._placed_at <= TOLD
-            is_known = is_told or person.sigma <= self.settings.max_sigma_m
-            self._foreseen = person if is_known else None
+            self._foreseen = person if person.sigma <= self.settings.max_sigma_m else None
             self._foreseen_at = stamp
         return self._foreseen
 
@@ -112,7 +108,6 @@ class Ranging:
         elements = xx, xy, yy, xu, xv, yu, yv, uu, uv, vv
         self._state = MovingPoint(*person.position, *person.velocity, *elements)
         self._stamp, self._foreseen_at, self._rejected = stamp, nan, 0
-        self._placed_at = stamp
 
     def start(self, seen: Sighting, across_sigma: float) -> None:
         """Begin anew where somebody is `seen`, whose distance must be known."""
