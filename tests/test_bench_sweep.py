@@ -52,6 +52,7 @@ def test_a_scheduler_without_dask_is_one_clear_line(monkeypatch: pytest.MonkeyPa
         pass
 
 
+@pytest.mark.slow
 def test_a_dask_cluster_gives_the_same_results() -> None:
     distributed = pytest.importorskip("distributed")
     cluster = distributed.LocalCluster(

@@ -181,6 +181,7 @@ def test_the_robot_stops_when_a_cable_is_pulled(
     tell(script)
 
 
+@pytest.mark.slow
 def test_after_the_base_was_lost_it_moves_only_when_armed_again() -> None:
     async def script(story: Story) -> None:
         await story.enrol_and_arm()

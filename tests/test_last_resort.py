@@ -45,7 +45,9 @@ def hold_the_interpreter(seconds: float) -> None:
     ctypes.PyDLL(None).usleep(round(1e6 * seconds))
 
 
-@pytest.mark.parametrize("block", [time.sleep, hold_the_interpreter])
+@pytest.mark.parametrize(
+    "block", [time.sleep, pytest.param(hold_the_interpreter, marks=pytest.mark.slow)]
+)
 async def test_a_blocked_loop_is_noticed_from_outside(
     line: tuple[int, str], block: Callable[[float], object]
 ) -> None:

@@ -187,6 +187,7 @@ def test_the_overlay_shows_candidates_particles_and_the_box() -> None:
         0.0,
         TrackPhase.CONFIRMED,
         0.8,
+        frame_id=1,
         box=Box(20, 15, 14, 40),
         candidates=(Box(60, 10, 20, 30),),
         particles=np.array([[80.0, 50.0, 0.0, 0.0], [np.nan, 1.0, 0.0, 0.0], [500.0, 1, 0, 0]]),

@@ -90,25 +90,18 @@ def doing(here: Served) -> tuple[Mode, bool]:
     return here.daemon.decision.mode, here.daemon.decision.command.stops
 
 
-@pytest.mark.parametrize(
-    ("headers", "status"),
-    [
-        ({}, 200),
-        ({"Host": "evil.example"}, 403),
-        ({"Host": "localhost:1"}, 200),
-        ({"Host": "192.168.1.7"}, 403),
-        ({"Host": "["}, 403),
-    ],
-)
-async def test_only_names_of_this_computer_are_served(headers: dict[str, str], status: int) -> None:
-    async with (
-        served() as here,
-        aiohttp.ClientSession() as session,
-        session.get(here.address, headers=headers) as answer,
-    ):
-        assert answer.status == status
-        assert answer.headers["X-Frame-Options"] == "DENY"
-        assert "default-src 'self'" in answer.headers["Content-Security-Policy"]
+NAMES = {"localhost:1": 200, "evil.example": 403, "192.168.1.7": 403, "[": 403}
+
+
+async def test_only_names_of_this_computer_are_served() -> None:
+    async with served() as here, aiohttp.ClientSession() as session:
+        for name, status in NAMES.items():
+            async with session.get(here.address, headers={"Host": name}) as answer:
+                assert answer.status == status
+                assert answer.headers["X-Frame-Options"] == "DENY"
+                assert "default-src 'self'" in answer.headers["Content-Security-Policy"]
+        async with session.get(here.address) as answer:
+            assert answer.status == 200
 
 
 async def test_another_page_in_the_same_browser_gets_no_socket() -> None:
@@ -134,7 +127,7 @@ async def test_elsewhere_than_on_loopback_a_token_is_asked_for() -> None:
 
 async def test_metrics_and_health_are_served() -> None:
     async with served() as here, aiohttp.ClientSession() as session:
-        await clock.sleep(1.5)
+        await clock.sleep(0.9)
         async with session.get(f"{here.address}metrics") as answer:
             text = await answer.text()
         assert 'followerd_stream_age_seconds{stream="scan"}' in text

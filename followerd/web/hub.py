@@ -14,7 +14,7 @@ import numpy as np
 from followerd import clock
 from followerd.control.interfaces import Sketched
 from followerd.geometry import Pose2
-from followerd.messages import Decision, Image, Measurement, Scan
+from followerd.messages import Decision, Image, Measurement, Scan, TrackState
 from followerd.runtime.daemon import Daemon
 from followerd.streams import STREAMS
 from followerd.web.views import decision_view, legs_view, number, scan_view, track_view
@@ -40,7 +40,7 @@ class Hub:
         self._scan: tuple[Scan, Pose2] | None = None
         self._stamps: dict[type, deque[float]] = {}
         self._track = ""
-        self._track_frame: int | None = None
+        self._shown: TrackState | None = None
         self._state: tuple[float, str] = (-1.0, "")
 
     def attach(self) -> None:
@@ -123,11 +123,9 @@ class Hub:
             self._scan = None if base is None else (measurement, base)
 
     def _decided(self, decision: Decision) -> None:
-        track = decision.track
-        frame = None if track is None else track.frame_id
-        if not self.viewers or (frame == self._track_frame and frame is not None):
+        if not self.viewers or decision.track is self._shown:
             return
-        self._track_frame = frame
+        self._shown = decision.track
         view = track_view(decision)
         self._track = json.dumps({"track": view}, allow_nan=False)
         self._tell()
