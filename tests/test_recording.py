@@ -210,7 +210,7 @@ def test_a_bag_written_for_ros_comes_back(exact: Path, tmp_path: Path) -> None:
 def test_trackers_run_on_recordings_and_bags(exact: Path, tmp_path: Path) -> None:
     command = ["track", str(exact), "--init", "73.7,10.9,41.5,101.7", "--start", "15"]
     assert call([*command, "--out", str(tmp_path / "a.csv")]) == 0
-    assert (tmp_path / "a.csv").read_text().count("tracked") > 60
+    assert (tmp_path / "a.csv").read_text().count("tracked") > 50
     command = ["track", str(exact), "--tracker", "legs", "--init", "2.1,0"]
     assert call([*command, "--out", str(tmp_path / "b.csv")]) == 0
     assert (tmp_path / "b.csv").read_text().count("odom") > 150

@@ -2,6 +2,7 @@
 
 import asyncio
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ CAMERA = Camera.from_hfov(64, 48, 0.8)
 
 def frame(number: int) -> Image:
     stamp = number / 15
-    return Image(number, stamp, stamp, np.zeros((48, 64, 3), np.uint8), CAMERA)
+    return Image(number, stamp, stamp, np.full((48, 64, 3), number, np.uint8), CAMERA)
 
 
 class Recorder:
@@ -134,3 +135,18 @@ def test_enrolling_on_a_frame_that_is_gone_says_so(frames: int, wanted: int | No
 
     with pytest.raises(UsageError, match=r"frame|image"):
         clock.run_virtual(main())
+
+
+def test_a_picture_that_repeats_itself_is_no_new_one() -> None:
+    """FAILSAFES F3: its stream goes stale as if the camera said nothing."""
+
+    async def main() -> list[int | None]:
+        vision, results = virtual_vision(Recorder())
+        task = asyncio.create_task(vision.run())
+        for number, shown in enumerate((0, 1, 1, 1, 2)):
+            vision.offer(replace(frame(number), pixels=frame(shown).pixels))
+            await clock.sleep(1 / 15)
+        task.cancel()
+        return [result.frame_id for result in results]
+
+    assert clock.run_virtual(main()) == [0, 1, 4]

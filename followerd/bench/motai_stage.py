@@ -19,7 +19,6 @@ from followerd.messages import (
     Box,
     Image,
     Odometry,
-    Pixels,
     Place,
     Scan,
     TrackPhase,
@@ -32,7 +31,6 @@ READOUT = 0.02  # s
 SCAN_PERIOD = 0.1  # s
 IMAGES = 400  # looks that are drawn: more than a run has
 SIDE = 40.0  # px of the target
-BLANK: Pixels = np.zeros((1, 1), np.uint8)
 
 
 class Stage:
@@ -86,7 +84,8 @@ class Eye:
             off = self._stage.off() + float(noise[k % noise.size])
             self._columns[k] = self._column(off)
             await clock.sleep_until(stamp + READOUT)
-            sink(Image(k, stamp, clock.now(), BLANK, self._camera))
+            picture = np.full((1, 1), k % 251, np.uint8)  # no two alike, as a real camera's
+            sink(Image(k, stamp, clock.now(), picture, self._camera))
             k += 1
             await clock.sleep_until(began + k * PERIOD)
 

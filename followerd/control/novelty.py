@@ -1,17 +1,16 @@
 """Whether a measurement is a new one, or what a stuck device has said before (FAILSAFES F3).
 
-Real sensors are noisy: a picture or a scan that is the same to the last bit was not measured anew.
-What repeats itself is not used, so its stream goes stale and everything follows from that.
+Real sensors are noisy: a scan that is the same to the last bit was not measured anew. What repeats
+itself is not used, so its stream goes stale and everything follows from that. Pictures are looked
+at where the tracker is (`trackers.looking`).
 """
 
 from math import inf
-from zlib import crc32
 
 import numpy as np
 
-from followerd.messages import Image, Measurement, Odometry, Scan, Wish
+from followerd.messages import Measurement, Odometry, Scan, Wish
 
-EVERY = 8  # of an image's rows that one looks at
 MOVING = 0.05  # m/s or rad/s: a base that reports this reports other poses too
 SENT_FORWARD = 0.1  # m/s
 OBEYS_WITHIN = 0.5  # s, from such a command to the first report that it moves
@@ -22,7 +21,6 @@ class Novelty:
 
     def __init__(self) -> None:
         self.repeated: dict[str, int] = {}  # by kind, in a row
-        self._images = 0  # checksum
         self._scan: bytes = b""
         self._odometry: Odometry | None = None
         self._sent_since = inf  # s, since when the base has been told to drive
@@ -30,19 +28,13 @@ class Novelty:
     def is_new(self, measurement: Measurement, wish: Wish | None, now: float) -> bool:
         """Whether it tells anything new; `wish` is what was sent to the wheels last."""
         new = True
-        if isinstance(measurement, Image):
-            new = self._is_new_image(measurement)
-        elif isinstance(measurement, Scan):
+        if isinstance(measurement, Scan):
             new = self._is_new_scan(measurement)
         elif isinstance(measurement, Odometry):
             new = self._is_new_report(measurement, wish, now)
         kind = type(measurement).__name__.lower()
         self.repeated[kind] = 0 if new else self.repeated.get(kind, 0) + 1
         return new
-
-    def _is_new_image(self, image: Image) -> bool:
-        before, self._images = self._images, crc32(image.pixels[::EVERY].tobytes())
-        return self._images != before
 
     def _is_new_scan(self, scan: Scan) -> bool:
         before, self._scan = self._scan, scan.ranges.tobytes()

@@ -96,7 +96,7 @@ class Replay:
         if self._looking.tracks:
             if not self.own:
                 seen = image, entry.ego, seen[2]
-            self._result = image.id, self._looking.step(seen)
+            self._result = image.id, self._looking.step(seen)[1]
 
     def _enrol(self, entry: Enrolled) -> None:
         self._result = None

@@ -7,6 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import TypeVar
 
+import structlog
+
 from followerd import clock
 from followerd.messages import Box, Image, TrackState
 from followerd.pipeline import Tracked
@@ -14,6 +16,8 @@ from followerd.record.journal import Dropped, Enrolled, Looked
 from followerd.trackers.looking import Looking
 
 T = TypeVar("T")
+log = structlog.get_logger()
+STUCK = 3  # repetitions in a row that are worth a word
 KEPT = 100_000  # durations; a daemon runs for weeks
 
 
@@ -37,6 +41,7 @@ class Vision:
         self._busy = asyncio.Lock()
         self._executor = ThreadPoolExecutor(1, "vision")
         self.develop: Callable[[], None] = lambda: None  # before pixels are looked at
+        self._repeated = 0  # pictures that were the same, in a row
         self.dropped = 0
         self.step_times: deque[float] = deque(maxlen=KEPT)  # s
 
@@ -89,11 +94,15 @@ class Vision:
     async def _track(self, image: Image) -> None:
         async with self._busy:
             seen = self._looking.take(image)
+            self._consumed(Looked(clock.now(), image.id, *seen[1:]))
             if not self._looking.tracks:
                 return
-            self._consumed(Looked(clock.now(), image.id, *seen[1:]))
-            track = await self._call(partial(self._looking.step, seen))
-        self._deliver(Tracked(image.stamp, image.received, image.id, track))
+            new, track = await self._call(partial(self._looking.step, seen))
+        self._repeated = 0 if new else self._repeated + 1
+        if new:
+            self._deliver(Tracked(image.stamp, image.received, image.id, track))
+        elif self._repeated == STUCK:
+            log.warning("the camera repeats itself", frame=image.id)
 
     async def _call(self, work: Callable[[], T], steps: int = 1) -> T:
         if clock.is_virtual():

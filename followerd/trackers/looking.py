@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable
+from zlib import crc32
 
 from followerd.errors import UsageError
 from followerd.geometry import Pose2
@@ -9,6 +10,7 @@ from followerd.messages import Box, Image, Place, TrackState
 from followerd.trackers.interfaces import Tracker
 
 HISTORY = 45  # frames kept so that a click on a frame seen a moment ago can be honoured
+EVERY = 8  # of a picture's rows that are compared
 MOST_LEFT_OUT = 2  # frames between the one that was clicked and the next that was taken up
 
 Seen = tuple[Image, Pose2 | None, Place | None]  # and where robot and person are then
@@ -28,6 +30,7 @@ class Looking:
         self._ego_at = ego_at
         self._place_at = place_at
         self._history: deque[Seen] = deque(maxlen=HISTORY)
+        self._checksum: int | None = None  # of the newest picture
 
     @property
     def tracks(self) -> bool:
@@ -45,9 +48,16 @@ class Looking:
         self._history.append(seen)
         return seen
 
-    def step(self, seen: Seen) -> TrackState | None:
-        """Let the tracker look; may take a while."""
-        return None if self._tracker is None else self._tracker.step(*seen)
+    def step(self, seen: Seen) -> tuple[bool, TrackState | None]:
+        """Let the tracker look: whether the picture is a new one, and the track; may take a while.
+
+        A stuck camera repeats itself; a real picture is noisy. What is repeated is not looked at,
+        so the stream goes stale and everything follows from that (FAILSAFES F3).
+        """
+        before, self._checksum = self._checksum, crc32(seen[0].pixels[::EVERY].tobytes())
+        if self._checksum == before or self._tracker is None:
+            return False, None
+        return True, self._tracker.step(*seen)
 
     def find(self, frame_id: int | None) -> Seen:
         """A frame taken up a moment ago; None: the newest. Raises UsageError when it is gone.
