@@ -36,7 +36,7 @@ format: $(READY)
 	$(BIN)/ruff check --fix .
 
 IMAGE_TESTS := $(addprefix tests/test_,bench_film.py blobs.py camera.py camera_calibration.py \
-  camera_files.py camera_v4l2.py colour.py ellipse.py head.py hpf.py hybrid.py kinect.py patches.py \
+  camera_files.py camera_v4l2.py colour.py head.py hpf.py hybrid.py kinect.py patches.py \
   render.py stereo.py track.py windows.py)
 
 opencv4: $(READY) ## the image code on the oldest OpenCV that is supported
