@@ -41,6 +41,7 @@ def test_a_failing_job_ends_the_sweep_with_its_own_error(threads: Executor) -> N
         sweep(threads, fail, range(6), "fails")
 
 
+@pytest.mark.slow
 def test_without_a_scheduler_jobs_run_in_processes_of_their_own() -> None:
     with executor(1, None) as pool:
         assert os.getpid() not in sweep(pool, process, range(2), "processes")

@@ -129,6 +129,7 @@ def test_nothing_moves_until_somebody_enrols_confirms_and_arms() -> None:
     assert all(decision.command.stops for decision in decisions)
 
 
+@pytest.mark.slow
 def test_an_operator_enrols_arms_holds_and_stops() -> None:
     async def script(story: Story) -> None:
         await story.enrol_and_arm()

@@ -85,6 +85,7 @@ def test_a_run_without_its_darkroom_stops() -> None:
             frames(here, 1.0)
 
 
+@pytest.mark.slow
 def test_pictures_completed_late_are_complete_when_the_tracker_looks() -> None:
     summaries = []
     for place, develops in ((nullcontext, True), (darkroom, False)):

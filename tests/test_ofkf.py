@@ -98,6 +98,7 @@ def steps(tracker: Ofkf, images: Iterable[Image]) -> list[TrackState]:
 # who is followed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", ["passing in front", "passing behind"])
 def test_the_enrolled_cooler_person_is_kept_while_a_hotter_one_crosses(order: str) -> None:
     def seen(k: int) -> Array:

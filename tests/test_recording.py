@@ -144,6 +144,7 @@ def test_a_replay_makes_the_same_decisions_to_the_bit(exact: Path) -> None:
     assert not any(found)
 
 
+@pytest.mark.slow
 def test_a_replay_notices_a_single_changed_bit(exact: Path) -> None:
     changed = []
     for record in Recording(exact):
@@ -195,6 +196,7 @@ def test_info_plot_and_export_tell_what_happened(
         assert (tmp_path / name).stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_a_bag_written_for_ros_comes_back(exact: Path, tmp_path: Path) -> None:
     bag, again = tmp_path / "bag", tmp_path / "again.mcap"
     assert call(["export", str(exact), "--rosbag2", str(bag)]) == 0
@@ -221,6 +223,7 @@ def journal(path: Path) -> list[int]:
     return [record.number for record in Recording(path) if isinstance(record, Numbered)]
 
 
+@pytest.mark.slow
 def test_cut_off_anywhere_a_recording_gives_what_was_whole(exact: Path, tmp_path: Path) -> None:
     whole, content = journal(exact), exact.read_bytes()
     rng, last = np.random.default_rng(5), 0
@@ -322,6 +325,7 @@ def test_what_a_slow_disk_cannot_take_is_dropped_images_first(tmp_path: Path) ->
     assert len(found) + recorder.dropped == 201
 
 
+@pytest.mark.slow
 def test_a_gap_is_named_by_replay(exact: Path) -> None:
     records = [
         r for r in Recording(exact) if not (isinstance(r, Numbered) and 100 < r.number < 120)

@@ -119,6 +119,7 @@ def test_a_stranger_who_comes_while_the_person_is_hidden_is_not_taken_for_them()
         assert stage.off(state) < 1.0
 
 
+@pytest.mark.slow
 def test_who_stays_away_is_lost_without_a_place_and_found_when_they_step_up() -> None:
     stage = Stage()
     stage.enrol()

@@ -148,6 +148,7 @@ async def test_who_does_not_command_only_looks_and_stops() -> None:
         await second.until("disarmed")
 
 
+@pytest.mark.slow
 async def test_nonsense_is_answered_and_in_the_end_thrown_out() -> None:
     async with served() as here, opened(here) as talk:
         for _ in range(19):
@@ -161,6 +162,7 @@ async def test_nonsense_is_answered_and_in_the_end_thrown_out() -> None:
         assert doing(here) == (Mode.DISARMED, True)
 
 
+@pytest.mark.slow
 async def test_a_flood_is_cut_off_and_the_daemon_goes_on() -> None:
     async with served() as here, opened(here) as talk:
         closed = False
