@@ -32,11 +32,10 @@ def line() -> Iterator[tuple[int, str]]:
 
 
 def heard(base: int, seconds: float) -> bytes:
-    """What the base hears in so long."""
+    """What the base has heard, and hears in so long."""
     data, end = b"", time.monotonic() + seconds
-    while (left := end - time.monotonic()) > 0:
-        if select.select([base], [], [], left)[0]:
-            data += os.read(base, 4096)
+    while select.select([base], [], [], max(0.0, end - time.monotonic()))[0]:
+        data += os.read(base, 4096)
     return data
 
 
