@@ -1,5 +1,6 @@
 """The config file: one schema, assembled from the settings beside what they configure."""
 
+import json
 from contextlib import suppress
 from functools import cache, reduce
 from operator import or_
@@ -170,6 +171,14 @@ def load(path: str | Path, changes: dict[str, Any] | None = None) -> Config:
 def parse(text: str, source: str, changes: dict[str, Any] | None = None) -> Config:
     """The config in a text, such as a recording carries; as `load`."""
     return _validated(yaml.parse(text, source), changes, Path())
+
+
+def with_tracker(config: Config, tracker: str) -> Config:
+    """The config with another tracker, KIND or KIND/PROFILE. Raises ConfigError."""
+    kind, _, profile = tracker.partition("/")
+    section = {"kind": kind, **({"profile": profile} if profile else {})}
+    document = config.model_dump(mode="json") | {"tracker": section}
+    return parse(json.dumps(document), f"tracker {tracker}")
 
 
 def find(path: str | Path) -> Path:

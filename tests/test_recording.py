@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from followerd import app, config
+from followerd import app, clock, config
 from followerd.__main__ import call
 from followerd.bench.closed_loop import simulate
 from followerd.cli.recording import recorded
@@ -45,6 +45,7 @@ from followerd.record.recovery import recover
 from followerd.record.replay import Replay
 from followerd.record.settings import RecordSettings
 from followerd.record.tape import Tape
+from followerd.runtime.recording import Recording as Switch
 
 CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
 any_float = st.floats(allow_nan=False)
@@ -250,7 +251,7 @@ def test_a_damaged_recording_is_read_up_to_the_damage(exact: Path, tmp_path: Pat
     recording = Recording(damaged)
     found = [r.number for r in recording if isinstance(r, Numbered)]
     assert found == list(range(1, len(found) + 1))
-    assert recording.cut
+    assert recording.truncated
 
 
 @pytest.mark.parametrize(
@@ -382,3 +383,42 @@ def test_a_tracker_of_scans_is_replayed_to_the_bit(tracker: str, tmp_path: Path)
     found = list(differences(Recording(path)))
     assert len(found) > 250
     assert not any(found)
+
+
+async def under_way(path: Path) -> None:
+    """Switch recording on while the daemon runs, as the page does."""
+    chosen = config.load("hpf-sim").model_copy(update={"record": RecordSettings(images="exact")})
+    world = app.rig(chosen)
+    daemon = app.build(chosen, app.in_memory(world))
+    parts = clock.together(world.run(), daemon.run())
+
+    async def record() -> None:
+        await clock.sleep(1.0)
+        recording = Switch(daemon, chosen)
+        recording.start(path)
+        await clock.sleep(0.5)
+        recorder = recording.stop()
+        assert recorder is not None
+        recorder.close()
+        await clock.forever()
+
+    await clock.within(2.0, clock.together(parts, record()))
+
+
+def test_a_recording_begun_under_way_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.mcap"
+    clock.run_virtual(under_way(path))
+    assert call(["replay", str(path)]) == 0
+    assert "recording began while the daemon ran" in capsys.readouterr().out
+
+
+def test_a_daemon_that_starts_anew_is_recorded_into_another_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    chosen = config.load("hpf-sim").model_copy(update={"record": RecordSettings(images="none")})
+    with recorded(path, chosen) as watchers:
+        for _ in range(2):
+            simulate(chosen, 0.5, *watchers)
+    assert journal(path) == list(range(1, len(journal(path)) + 1))
+    assert journal(tmp_path / "a.2.mcap") == journal(path)

@@ -1,6 +1,5 @@
 """The operator's page beside a running daemon, and what it does when another tracker is chosen."""
 
-import json
 import socket
 from collections.abc import Callable
 
@@ -42,10 +41,7 @@ class Opened:
         raise Anew(self._chosen)
 
     def _choose(self, tracker: str) -> None:
-        kind, _, profile = tracker.partition("/")
-        section = {"kind": kind, **({"profile": profile} if profile else {})}
-        document = self._config.model_dump(mode="json") | {"tracker": section}
-        chosen = configs.parse(json.dumps(document), f"tracker {tracker}")
+        chosen = configs.with_tracker(self._config, tracker)
         app.verify(chosen)
         self._chosen = chosen
 

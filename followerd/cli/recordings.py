@@ -77,6 +77,6 @@ def _lines(recording: Recording, found: Digest) -> list[str]:
     lines += [f"{mode}: {seconds} s" for mode, seconds in found.mode_times().items()]
     began = found.stamps[0] if found.stamps else 0.0
     lines += [f"at {at - began:.2f} s: {text or 'free to move'}" for at, text in found.stops]
-    if recording.cut:
+    if recording.truncated:
         lines.append(f"cut off: {recording.truncated}; `followerd recover` makes it whole")
     return lines

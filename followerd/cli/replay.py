@@ -15,7 +15,7 @@ from followerd.config import Config
 from followerd.errors import UsageError
 from followerd.record.reading import Recording
 from followerd.record.replay import Replay
-from followerd.runtime.recording import described
+from followerd.runtime.recording import UNDER_WAY, described
 
 TOLD = 3  # differences named
 
@@ -87,10 +87,7 @@ def _changed(recorded: Config, config: str | None, tracker: str | None) -> Confi
     chosen = recorded if config is None else configs.load(config)
     if tracker is None:
         return chosen
-    kind, _, profile = tracker.partition("/")
-    section = {"kind": kind, **({"profile": profile} if profile else {})}
-    document = chosen.model_dump(mode="json") | {"tracker": section}
-    return configs.parse(json.dumps(document), f"--tracker {tracker}")
+    return configs.with_tracker(chosen, tracker)
 
 
 def _reasons(recording: Recording, replay: Replay, config: Config, *, own: bool) -> list[str]:
@@ -106,12 +103,12 @@ def _reasons(recording: Recording, replay: Replay, config: Config, *, own: bool)
         for name in sorted(now.keys() & about.keys() - {"config", "images"})
         if now[name] != about[name]
     ]
-    if replay.first not in (None, 1) or about.get("begun") == "under way":
+    if about.get("begun") == UNDER_WAY:
         reasons.append("recording began while the daemon ran")
     if replay.gaps:
         reasons.append(f"the recorder could not keep up {replay.gaps} times")
     if replay.missing:
         reasons.append(f"{replay.missing} images are missing")
-    if recording.cut:
+    if recording.truncated:
         reasons.append(f"the recording is cut off: {recording.truncated}")
     return reasons

@@ -26,7 +26,6 @@ class Digest:
     path: list[tuple[float, float]] = field(default_factory=list)  # of the robot in `odom`, m
     person: list[tuple[float, float]] = field(default_factory=list)  # likewise
     stops: list[tuple[float, str]] = field(default_factory=list)  # when the reasons changed
-    faults: list[tuple[float, str]] = field(default_factory=list)
 
     @property
     def duration(self) -> float:

@@ -68,8 +68,7 @@ class Recording:
     """
 
     path: Path
-    cut: bool = False  # the last pass met an unfinished end
-    truncated: str = ""  # where
+    truncated: str = ""  # where the last pass met an unfinished end
 
     def __post_init__(self) -> None:
         if not self.path.is_file():
@@ -85,7 +84,7 @@ class Recording:
         return found
 
     def __iter__(self) -> Iterator[Record]:
-        self.cut, self.truncated = False, ""
+        self.truncated = ""
         for path in self.parts:
             yield from self._records(path)
 
@@ -106,7 +105,7 @@ class Recording:
             try:
                 yield from StreamReader(stream, record_size_limit=None).records
             except BROKEN as error:
-                self.cut, self.truncated = True, f"{path}: {type(error).__name__} {error}".strip()
+                self.truncated = f"{path}: {type(error).__name__} {error}".strip()
 
 
 class _Reading:

@@ -43,7 +43,6 @@ class Replay:
     pipeline: Pipeline
     own: bool = True
     gaps: int = 0  # places where the recorder could not keep up
-    first: int | None = None  # number of the first entry; later than 1: begun under way
     missing: int = 0  # frames that the tracker saw and the recording has not
     _images: dict[int, Image] = field(default_factory=dict)
     _result: tuple[int | None, TrackState | None] | None = None
@@ -122,10 +121,7 @@ class Replay:
             del self._images[next(iter(self._images))]
 
     def _count(self, number: int) -> None:
-        if self.first is None:
-            self.first = number
-        elif number != self._number + 1:
-            self.gaps += 1
+        self.gaps += number != self._number + 1
         self._number = number
 
 

@@ -18,6 +18,7 @@ from followerd.record.recorder import Recorder
 from followerd.record.tape import Tape
 from followerd.runtime.daemon import Daemon
 
+UNDER_WAY = "under way"  # of a recording that does not begin with the daemon
 LIBRARIES = ("numpy", "opencv-python-headless", "filterpy", "scipy")
 
 
@@ -42,6 +43,8 @@ class Recording:
         if path is None and file:
             path = _named(self._config.record.folder)
         about = described(self._config)
+        if self._daemon.decision is not None:
+            about["begun"] = UNDER_WAY
         tape = Tape(path, self._config.record, about, clock.epoch())
         self.recorder = Recorder(tape, threaded=not clock.is_virtual())
         for watchers, watch in self._watches(self.recorder):

@@ -1,5 +1,6 @@
 """The operator's page: a small web server in the daemon's loop."""
 
+import asyncio
 import ssl
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
@@ -60,7 +61,9 @@ class Page:
         self.hub = Hub(daemon, settings.jpeg_quality, self.switches.view)
         self._tell = tell
         self._daemon = daemon
-        self._config = config
+        floor = app.floor_of(config)
+        walls = [] if floor is None else walls_view(floor.walls)
+        self._still = {"body": body_view(config.pipeline.guard), "walls": walls}
         self._registry = metrics.registry(daemon)
         self._names = count(1)
         self._sockets: set[web.WebSocketResponse] = set()
@@ -92,7 +95,8 @@ class Page:
             self.hub.close()
             await runner.cleanup()
             if (recorder := self.switches.recording.stop()) is not None:
-                recorder.close()
+                # the loop has a robot to stop meanwhile
+                await asyncio.get_running_loop().run_in_executor(None, recorder.close)
 
     async def _listen(self, runner: web.AppRunner) -> None:
         s = self.settings
@@ -155,10 +159,7 @@ class Page:
         """What does not change: the robot's body, and the map's walls."""
         if not self.access.admits(request):
             return web.json_response({"error": "log in first"}, status=401)
-        floor = app.floor_of(self._config)
-        walls = [] if floor is None else walls_view(floor.walls)
-        body = body_view(self._config.pipeline.guard)
-        return web.json_response({"body": body, "walls": walls})
+        return web.json_response(self._still)
 
     async def _metrics(self, request: web.Request) -> web.StreamResponse:
         if not self.access.is_local and not self.access.admits(request):
