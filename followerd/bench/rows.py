@@ -11,6 +11,8 @@ from rich.table import Table
 from followerd.errors import UsageError
 from followerd.geometry import Array
 
+MOST_COLUMNS = 2  # of trackers, that 80 characters have room for
+
 
 @dataclass(frozen=True, slots=True)
 class Row:
@@ -83,16 +85,23 @@ def pivot(rows: Sequence[Row]) -> tuple[list[str], dict[tuple[str, str], list[st
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """One suite's rows: a line per scenario and metric, a column per tracker."""
+    """One suite's rows: a column per tracker, or a line each where a terminal has no room."""
     trackers, lines = pivot(rows)
+    wide = len(trackers) <= MOST_COLUMNS
     view = Table(title=rows[0].suite if rows else "no rows")
-    for name in ("scenario", "metric", *trackers):
+    for name in ("scenario", "metric", *(trackers if wide else ("tracker", "value"))):
         view.add_column(name, no_wrap=True)
     above = ""
     for (scenario, metric), texts in lines.items():
         if above and scenario != above:
             view.add_section()
-        view.add_row("" if scenario == above else scenario, metric, *texts)
+        head = "" if scenario == above else scenario, metric
+        if wide:
+            view.add_row(*head, *texts)
+        else:
+            pairs = [pair for pair in zip(trackers, texts, strict=True) if pair[1]]
+            for first, pair in enumerate(pairs):
+                view.add_row(*(("", "") if first else head), *pair)
         above = scenario
     view.caption = f"mean ± half of the 95 % interval over {max_seeds(rows)} seeds"
     return view
