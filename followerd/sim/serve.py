@@ -167,10 +167,11 @@ class PtyPort:
         if self._look is not None:
             self._look.cancel()
         self._feed.stop()
-        os.close(self._master)
-        self._master = -1
+        # the name first: whoever sees the hang-up looks for it at once
         if self._path.is_symlink() and str(self._path.readlink()) == self._device:
             self._path.unlink()
+        os.close(self._master)
+        self._master = -1
 
     def _name(self) -> None:
         if self._path.exists() and not self._path.is_symlink():
