@@ -102,7 +102,7 @@ def test_a_reader_of_the_log_that_hangs_holds_nobody_up() -> None:
     began = time.perf_counter()
     for number in range(5000):
         logger.msg(f"line {number}")
-    assert time.perf_counter() - began < 0.5
+    assert time.perf_counter() - began < 10  # one that waits for the reader never ends
     journal.gate.set()
     logger.close()
     lines = journal.getvalue().splitlines()
