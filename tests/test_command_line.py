@@ -25,7 +25,7 @@ def test_an_unknown_command_or_option_is_a_usage_error(capsys: pytest.CaptureFix
     [
         (["demo", "--scenario", "moon", "--virtual"], "no scenario moon; there are "),
         (["demo", "--camera", "9x9@1", "--virtual"], "--camera 9x9@1: there are 192x144@15"),
-        (["demo", "--tracker", "none", "--virtual"], "none-sim: no such file"),
+        (["demo", "--tracker", "none", "--virtual"], "--tracker none: there are head, "),
         (["run", "none.yaml"], "none.yaml: no such file"),
         (["run", "hpf-sim"], "has links that say sim; give --links, or use followerd demo"),
         (["sim", "corridor", "--links", "x", "--fault", "laser"], "expected DEVICE:NAME@START"),

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from subprocess import DEVNULL, Popen
 from tempfile import TemporaryDirectory
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import yaml
 from cyclopts import Parameter
@@ -23,6 +23,7 @@ from followerd.cli.run import Ending, Seconds, SummaryFile, in_a_folder, live
 from followerd.config import Config, load
 from followerd.errors import Stopped, UsageError
 from followerd.hw.camera.settings import PRESETS
+from followerd.resources import shipped
 from followerd.runtime import logs
 from followerd.runtime.daemon import Daemon
 from followerd.sim import scenarios, truth_log
@@ -38,7 +39,7 @@ LOOK = 0.05  # s, between looks for them
 
 def demo(
     *,
-    tracker: str = "hpf",
+    tracker: Annotated[str, Parameter(help="KIND or KIND/PROFILE, such as hpf/paper")] = "hpf",
     scenario: str = "corridor",
     seed: int = 0,
     duration: Seconds = 60.0,
@@ -62,7 +63,7 @@ def demo(
     """Watch a simulated Pioneer follow a person: the real daemon, its drivers and twins."""
     changes = {"sim.scenario": scenario, "seed": seed, **_preset(camera)}
     changes |= {} if images is None else {"record.images": images}
-    settings = staged(load(f"{tracker}-sim", changes))
+    settings = staged(_with_tracker(tracker, changes))
     ending = Ending()
     with ExitStack() as stack:
         world = None
@@ -181,6 +182,14 @@ def _tell(figures: Summary) -> None:
     for name, figure in figures["latency_ms"].items():
         if figure["p50"] is not None and not figures["virtual_time"]:
             print(f"{name.replace('_', ' ')}: p50 {figure['p50']} ms, p99 {figure['p99']} ms")
+
+
+def _with_tracker(tracker: str, changes: dict[str, Any]) -> Config:
+    kind, _, profile = tracker.partition("/")
+    known = sorted(path.stem.removesuffix("-sim") for path in shipped().glob("*-sim.yaml"))
+    if kind not in known:
+        raise UsageError(f"--tracker {kind}: there are {', '.join(known)}")
+    return load(f"{kind}-sim", changes | ({"tracker.profile": profile} if profile else {}))
 
 
 def _preset(name: str | None) -> dict[str, float]:
