@@ -234,6 +234,19 @@ def test_the_field_sums_over_the_beams_as_a_loop_does(floor: FloorMap) -> None:
     assert found.argmax() == 0
 
 
+def test_the_robot_may_stand_where_no_scan_of_the_map_saw_the_floor_but_not_in_a_wall() -> None:
+    grid = from_segments(WALLS, 0.05, np.array([[0.5, 0.5]])).grid
+    unseen = replace(grid, free=np.zeros_like(grid.free))
+    pose, in_wall = np.array([[0.5], [1.0], [0.4]]), np.array([[0.5], [0.01], [0.4]])
+    found = []
+    for one in (grid, unseen):
+        sensor = FieldSensor(DistanceField.of(one), FieldSettings())
+        sensor.see(scan_at(Pose2(0.5, 1.0, 0.4)), None)
+        found.append(float(sensor.log_likelihood(pose)[0]))
+        assert sensor.log_likelihood(in_wall)[0] < -25.0
+    assert found[1] == pytest.approx(found[0] - 1.0)
+
+
 def test_shifted_pictures_sum_what_each_place_sees(floor: FloorMap) -> None:
     coarse = Coarse(DistanceField.of(floor.grid))
     points, theta = np.array([[0.6, 0.1], [0.2, -0.7], [1.1, 0.4]]), 0.8

@@ -5,7 +5,6 @@ place of the map one addition.
 """
 
 from math import cos, pi, radians, sin
-from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +18,7 @@ from followerd.messages import Scan
 from followerd.settings import Settings
 
 NOWHERE = -27.6  # log of the weight of a pose where the robot cannot be
+UNSEEN = -1.0  # same, where no scan of the map saw the floor: maps have holes where robots drive
 FARTHEST = 2.0  # m from a wall, beyond which all is alike
 SEARCH_CELL = 0.2  # m
 SEARCH_SIGMA = 0.25  # m
@@ -31,7 +31,7 @@ APART = (4, 4, 5)  # cells of x, y and heading, of which one is kept
 TRIES = 4  # poses around each one kept
 SHRINKING = (1.0, 0.5, 0.25, 0.12)  # cells around it, try by try
 
-Picture = TypeVar("Picture", npt.NDArray[np.float32], npt.NDArray[np.bool_])
+Picture = npt.NDArray[np.float32]
 
 
 class FieldSettings(Settings):
@@ -56,7 +56,8 @@ class FieldSensor:
         log = s.trust * np.log((1.0 - s.stray_share) * gauss + s.stray_share)
         self._log = _bordered(log.astype(np.float32), float(log.min()))
         self._far = _bordered(far.astype(np.float32), FARTHEST)
-        self._free = _bordered(field.free, False)
+        place = np.where(field.free, 0.0, np.where(field.walls, NOWHERE, UNSEEN))
+        self._place = _bordered(place.astype(np.float32), NOWHERE)
         self._points: Array = np.empty((0, 2))
         self._coarse = Coarse(field)
 
@@ -74,8 +75,8 @@ class FieldSensor:
     def log_likelihood(self, poses: Array) -> Array:
         """See Sensor."""
         sums: Array = self._at(self._log, poses).sum(axis=0, dtype=np.float64)
-        inside = self._free.ravel()[self._flat(*poses[:2])]
-        return np.where(inside, sums, sums + NOWHERE)
+        sums += self._place.ravel()[self._flat(*poses[:2])]
+        return sums
 
     def fit(self, pose: Pose2) -> float:
         """See Sensor: the share of echoes near a wall."""
@@ -148,7 +149,9 @@ class Coarse:
         chosen = chosen[scores.ravel()[chosen].argsort(kind="stable")[::-1]]
         heading, place = np.unravel_index(chosen, scores.shape)
         cells = np.stack([self._i[place], self._j[place], heading])
-        _, first = np.unique(cells // np.array([APART]).T, axis=1, return_index=True)
+        blocks = cells // np.array([APART]).T
+        sizes = *blocks[:2].max(axis=1) + 1, self.headings.size
+        _, first = np.unique(np.ravel_multi_index(tuple(blocks), sizes), return_index=True)
         return self._middles(cells[:, np.sort(first)[:BEST]])
 
     def _scores(self, points: Array, theta: float) -> Array:

@@ -5,7 +5,7 @@ deviation) and counts the length of the way twice; his means are not normalised.
 grows with the way, whatever the steps it is cut into.
 """
 
-from math import atan2, hypot, pi, radians, sqrt
+from math import atan2, cos, hypot, pi, radians, sqrt
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,8 @@ from pydantic import Field
 
 from followerd.geometry import Array, Pose2
 from followerd.settings import Settings
+
+Indices = npt.NDArray[np.intp]
 
 CUBE_M = 0.25  # half edge
 CUBE = radians(15.0)
@@ -64,11 +66,13 @@ def mean_pose(poses: Array, weights: Array) -> Pose2:
     return Pose2(float(weights @ poses[0]) / total, float(weights @ poses[1]) / total, theta)
 
 
-def in_cube(poses: Array, centre: Array) -> npt.NDArray[np.bool_]:
-    """Which particles (N,) lie in the sub-cube around a pose (3,)."""
-    x, y, theta = poses - centre[:, None]
-    turned = np.abs((theta + pi) % (2 * pi) - pi)
-    near: npt.NDArray[np.bool_] = (np.abs(x) < CUBE_M) & (np.abs(y) < CUBE_M) & (turned < CUBE)
+def in_cubes(poses: Array, chosen: Indices) -> npt.NDArray[np.bool_]:
+    """Which particles (K, N) lie in the sub-cube around each of those `chosen` (K,)."""
+    x, y, theta = poses
+    facing = np.stack([np.cos(theta), np.sin(theta)])
+    near: npt.NDArray[np.bool_] = np.abs(x - x[chosen, None]) < CUBE_M
+    near &= np.abs(y - y[chosen, None]) < CUBE_M
+    near &= facing[:, chosen].T @ facing > cos(CUBE)
     return near
 
 
@@ -81,10 +85,11 @@ def cube_estimate(poses: Array, weights: Array, candidates: int = 8) -> tuple[Po
         best = weights.argpartition(-candidates)[-candidates:]
     else:
         best = np.arange(weights.size)
-    cubes = [in_cube(poses, poses[:, k]) for k in best.tolist()]
-    masses = [float(weights[cube].sum()) for cube in cubes]
-    k = int(np.argmax(masses))
-    return mean_pose(poses[:, cubes[k]], weights[cubes[k]]), masses[k]
+    cubes = in_cubes(poses, best)
+    masses = cubes @ weights
+    heaviest = int(np.argmax(masses))
+    cube = cubes[heaviest]
+    return mean_pose(poses[:, cube], weights[cube]), float(masses[heaviest])
 
 
 def covariance(poses: Array, weights: Array, about: Pose2) -> Array:

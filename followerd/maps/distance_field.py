@@ -19,6 +19,7 @@ class DistanceField:
 
     far: Array  # (H, W) m, float32
     free: npt.NDArray[np.bool_]  # (H, W)
+    walls: npt.NDArray[np.bool_]  # (H, W); what is neither was never seen
     cell: float  # m
     origin: tuple[float, float]  # m
 
@@ -32,5 +33,6 @@ class DistanceField:
             size = finer * walls.shape[1], finer * walls.shape[0]
             far = cv2.resize(far, size, interpolation=cv2.INTER_LINEAR)
         metres: Array = np.asarray(far, np.float32) * np.float32(grid.cell)
-        free = np.kron(grid.free, np.ones((finer, finer), np.bool_))
-        return cls(metres, free, grid.cell / finer, grid.origin)
+        each = np.ones((finer, finer), np.bool_)
+        free, occupied = np.kron(grid.free, each), np.kron(grid.occupied, each)
+        return cls(metres, free, occupied, grid.cell / finer, grid.origin)
