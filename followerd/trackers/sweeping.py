@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from followerd.errors import UsageError
-from followerd.geometry import Pose2
+from followerd.geometry import Array, Pose2
 from followerd.messages import Box, Clusters, Image, RobotPose, Scan, TrackState
 from followerd.perception.clusters import ClusterSettings, find_clusters
-from followerd.trackers.interfaces import MapTracker, Tracker
+from followerd.trackers.interfaces import Foreseeing, MapTracker, Tracker
 
 HISTORY = 60  # scans kept so that a click on a picture seen a moment ago can be honoured
 ASIDE = 0.3  # m, of the direction of a clicked point, that a leg of the person may be
@@ -51,6 +51,12 @@ class Sweeping:
         for later in list(self._history)[first + 1 :]:
             state = self._step(*later) or state
         return self._history[-1][0], state
+
+    def courses(self) -> Array:
+        """Where the person may go; see Foreseeing. Empty where the tracker does not tell."""
+        if isinstance(self._tracker, Foreseeing):
+            return self._tracker.courses()
+        return np.empty((0, 0, 2))
 
     def _step(self, scan: Scan, ego: Pose2 | None, pose: RobotPose | None) -> TrackState | None:
         if isinstance(self._tracker, MapTracker):
