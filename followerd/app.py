@@ -114,6 +114,7 @@ def build(config: Config, plugs: Plugs) -> Daemon:
         config.image_work_s,
         _head(config, plugs, base),
         _shadows(config),
+        heads=config.tracker.kind == "head",
     )
     daemon.line_watchers = overheard
     return daemon

@@ -259,6 +259,8 @@ class TrackState:
     by_legs: bool = False  # the laser alone carries it: the camera does not see the person
     candidates: tuple[Box, ...] = ()  # for drawing
     particles: Array | None = None  # (N, 2) px or m, for drawing
+    # (N, 5) x, y, w, h px and likeness 0..1, nan = hidden or unknown; for drawing
+    patches: Array | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,8 +32,8 @@ class Simulation:
         truth = folder / "truth.jsonl"
         self._tail = truth_log.Tail(truth)
         command = [sys.executable, "-m", "followerd", "sim", scenario, *options]
-        command += ["--links", str(self.links), "--truth", str(truth)]
-        self._process = Popen(command, stdout=PIPE, text=True)
+        command += ["--links", str(self.links), "--truth", str(truth), "--until-eof"]
+        self._process = Popen(command, stdin=PIPE, stdout=PIPE, text=True)
         told = iter(self._process.stdout or ())
         assert any("are in" in line for line in told), "the simulation did not start"
 

@@ -51,6 +51,20 @@ def velocity(
     return _capped(flow)
 
 
+def lines(
+    starts: Complex, sinks: Complex, centres: Complex, radii: Floats, step: float, count: int
+) -> Complex:
+    """Stream lines (N, count) from points (N,) to their sinks, in steps of `step`, m."""
+    strength = np.ones(starts.size)
+    points = [starts]
+    for _ in range(count - 1):
+        at = points[-1]
+        flow = velocity(at, sinks, strength, centres, radii)
+        way = np.minimum(step, np.abs(sinks - at)) / np.maximum(np.abs(flow), NEAREST)
+        points.append(at + way * flow)
+    return np.stack(points, axis=1)
+
+
 def discs(segments: npt.ArrayLike, radius: float = 0.28, spacing: float = 1.2) -> Complex:
     """Centres (M,) of a chain of discs along boards (K, 2, 2), `spacing` radii apart, m."""
     centres = []

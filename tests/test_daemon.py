@@ -5,14 +5,17 @@ import json
 from collections.abc import Awaitable, Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
 from followerd import app, clock
 from followerd.bench.closed_loop import simulate, staged
 from followerd.config import load
+from followerd.errors import UsageError
 from followerd.messages import Command, Decision, Mode, Wish
+from followerd.perception.body_outline import body_box
 from followerd.runtime import logs
-from followerd.runtime.auto_operator import outline, person_ahead
+from followerd.runtime.auto_operator import person_ahead
 from followerd.runtime.control_socket import answer
 from followerd.runtime.daemon import Daemon
 from followerd.sim.rig import Rig
@@ -46,7 +49,7 @@ class Story:
         assert image is not None
         person = self.rig.world.truth().target
         base = ~self.rig.world.pose
-        box = outline(image.camera, *base.apply_point(person.x, person.y))
+        box = body_box(image.camera, *base.apply_point(person.x, person.y))
         enrolled = await self.ask("enrol", region=[box.x, box.y, box.w, box.h], frame=image.id)
         assert enrolled["ok"], enrolled
         assert (await self.ask("confirm"))["ok"]
@@ -236,6 +239,26 @@ def test_the_person_ahead_is_found_by_the_laser() -> None:
         )
 
     tell(script, seconds=4.0)
+
+
+def test_a_click_anywhere_on_a_person_enrols_their_outline() -> None:
+    async def script(story: Story) -> None:
+        await clock.sleep(2.5)
+        image = story.daemon.vision.newest
+        assert image is not None
+        person, base = story.rig.world.truth().target, ~story.rig.world.pose
+        x, y = base.apply_point(person.x, person.y)
+        whole = body_box(image.camera, x, y)
+        for height in (0.1, 0.5, 1.0):
+            ((column, row, _),) = image.camera.project(np.array([[x, y, height]]))
+            enrolled = await story.daemon.enrol((column, max(0.0, row)), image.id)
+            assert enrolled.box is not None
+            assert enrolled.box.foot == pytest.approx(whole.foot, abs=6.0)
+            assert enrolled.box.w == pytest.approx(whole.w, rel=0.3)
+        with pytest.raises(UsageError, match="drag a box"):
+            await story.daemon.enrol((3.0, 100.0), image.id)
+
+    tell(script, seconds=6.0)
 
 
 @pytest.mark.slow

@@ -183,6 +183,14 @@ def test_a_walking_person_is_placed_within_centimetres() -> None:
     assert off(tracker, x, y) < 0.05
     assert tracker.place is not None
     assert tracker.place[2] == pytest.approx(0.5 * H, abs=0.05)
+    assert state.patches is not None  # to be drawn: all over the person, and like them
+    assert np.nanmedian(state.patches[:, 4]) > 0.9
+    corners = state.patches[:, :2], state.patches[:, :2] + state.patches[:, 2:4]
+    person = box_at(x, y)
+    assert corners[0].min(axis=0) == pytest.approx((person.x, person.y), abs=8.0)
+    assert corners[1].max(axis=0) == pytest.approx(
+        (person.x + person.w, person.y + person.h), abs=8.0
+    )
 
 
 @pytest.mark.slow

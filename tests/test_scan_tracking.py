@@ -15,8 +15,8 @@ from followerd.config import load
 from followerd.errors import UsageError
 from followerd.geometry import Camera, Pose2
 from followerd.messages import Box, Image, Mode, Odometry, Place, Scan, TrackPhase, TrackState
+from followerd.perception.body_outline import body_box
 from followerd.pipeline import Tracked
-from followerd.runtime.auto_operator import outline
 from followerd.runtime.control_socket import answer
 from followerd.runtime.daemon import Daemon
 from followerd.runtime.scanning import Scanning
@@ -86,7 +86,7 @@ async def test_a_click_is_the_person_whose_legs_are_in_its_bearing(
 ) -> None:
     work, tracker, results = scanning()
     image = Image(7, 1.23, 1.25, np.zeros((144, 192, 3), np.uint8), CAMERA)
-    box = outline(CAMERA, *person)
+    box = body_box(CAMERA, *person)
     work.enrol(box if way == "box" else box.centre, image)
     (stamp, point), *_ = tracker.enrolled
     assert stamp == pytest.approx(1.2)  # the scan of that moment
@@ -183,7 +183,7 @@ def test_an_operator_enrols_by_metres_or_in_the_picture_and_sees_the_pose() -> N
         assert in_metres["position_m"] == pytest.approx([x, y], abs=0.2)
         image = story.daemon.vision.newest
         assert image is not None
-        box = outline(image.camera, x, y)
+        box = body_box(image.camera, x, y)
         clicked = await story.ask("enrol", region=list(box.centre), frame=image.id)
         assert clicked["position_m"] == pytest.approx([x, y], abs=0.2)
         boxed = await story.ask("enrol", region=[box.x, box.y, box.w, box.h])

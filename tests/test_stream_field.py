@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from followerd.stream_field import FASTEST, OUTWARD, discs, velocity
+from followerd.stream_field import FASTEST, OUTWARD, discs, lines, velocity
 
 NONE = np.empty(0, complex), np.empty(0)
 DISC = np.array([0j]), np.array([0.5])
@@ -47,6 +47,14 @@ def test_nothing_flows_through_a_disc() -> None:
     sink = np.full(rim.size, 3 + 1j)
     flow = velocity(rim, sink, np.full(rim.size, 1.0), *DISC)
     assert np.abs((flow * (rim / abs(rim)).conj()).real).max() < 1e-9
+
+
+def test_stream_lines_part_before_a_disc_and_meet_at_the_sink() -> None:
+    starts, sinks = -2.0 + 1j * np.linspace(-0.6, 0.6, 7), np.full(7, 2.0 + 0j)
+    drawn = lines(starts.astype(complex), sinks, *DISC, 0.05, 120)
+    assert drawn.shape == (7, 120)
+    assert np.abs(drawn).min() > 0.49
+    assert np.abs(drawn[:, -1] - 2.0)[np.arange(7) != 3].max() < 0.01
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from followerd.maps.floor import FloorMap, OccupancyGrid
 from followerd.maps.plan import from_segments
 from followerd.messages import Box, Image, RobotPose, Scan, TrackPhase, TrackState
 from followerd.trackers.beliefs import Profile
-from followerd.trackers.interfaces import MapTracker
+from followerd.trackers.interfaces import Foreseeing, MapTracker
 from followerd.trackers.stream_field import StreamFieldTracker, StreamFieldTrackerSettings
 from tests.laser_scenes import legs, scan_of
 
@@ -81,6 +81,8 @@ class Stage:
 def test_it_is_one_of_the_trackers_on_a_map() -> None:
     tracker = StreamFieldTracker(StreamFieldTrackerSettings(), np.random.default_rng(0))
     assert isinstance(tracker, MapTracker)
+    assert isinstance(tracker, Foreseeing)
+    assert not tracker.courses().size  # nobody is enrolled
 
 
 @pytest.mark.parametrize(
@@ -101,6 +103,13 @@ def test_a_person_is_followed_behind_a_board_and_out_again(profile: Profile) -> 
     assert hidden.range_sigma > 2.0 * seen.range_sigma
     assert hidden.confidence < seen.confidence
     assert stage.off(hidden) < 0.6
+    assert hidden.position is not None
+    courses = stage.tracker.courses()
+    if profile in ("default", "paper", "pf_sf"):
+        assert np.hypot(*(courses[:, 0] - hidden.position).T) == pytest.approx(0.0, abs=0.3)
+        assert np.hypot(*(courses[:, -1] - courses[:, 0]).T).max() > 0.5
+    else:
+        assert courses.shape == (0, 0, 2)
     back = stage.walk(2.6)
     assert back.phase is TrackPhase.CONFIRMED
     assert stage.off(back) < 0.15

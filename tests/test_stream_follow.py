@@ -57,7 +57,9 @@ def test_without_a_range_it_only_turns() -> None:
 @pytest.mark.parametrize("side", [1.0, pytest.param(-1.0, marks=pytest.mark.slow)])
 def test_it_rounds_a_pillar_on_the_nearer_side(side: float) -> None:
     drive = Drive(circles=np.array([[2.0, 0.15 * side, 0.3]]))
+    assert not drive.law.lines().size
     assert until_near(drive, 4.5, 0.0)
+    assert np.hypot(*(drive.law.lines()[:, 0] - (drive.base.x, drive.base.y)).T).max() < 1.0
     assert not drive.touched
     passing = min(drive.trace, key=lambda pose: abs(pose.x - 2.0))
     assert passing.y * side < 0.0

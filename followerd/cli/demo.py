@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from functools import partial
 from pathlib import Path
-from subprocess import DEVNULL, Popen
+from subprocess import DEVNULL, PIPE, Popen
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -128,8 +128,8 @@ def _simulation(settings: Config, folder: Path, truth: Path) -> Iterator[None]:
     config.write_text(yaml.safe_dump(settings.model_dump(mode="json")), encoding="utf-8")
     command = [sys.executable, "-m", "followerd", "sim", settings.sim.scenario]
     command += ["--links", str(folder), "--seed", str(settings.seed), "--config", str(config)]
-    command += ["--truth", str(truth)]
-    with Popen(command, stdout=DEVNULL) as process:
+    command += ["--truth", str(truth), "--until-eof"]
+    with Popen(command, stdin=PIPE, stdout=DEVNULL) as process:
         try:
             clock.run(_until_served(process, folder))
             yield

@@ -1,5 +1,6 @@
 """`followerd sim`: the twins alone, for this daemon or for anybody's program; their faults."""
 
+import asyncio
 import json
 import os
 import signal
@@ -22,6 +23,7 @@ from followerd.sim.truth_log import to_line
 
 CONTROL = "control"  # socket in the folder of the links
 LOOK = 0.01  # s, between looks whether it is there
+STDIN = 0
 FLUSH = 0.1  # s, between writes of the truth
 
 
@@ -42,6 +44,9 @@ def sim(
     ),
     seed: int = 0,
     truth: Annotated[Path | None, Parameter(help="write what really happens, JSON lines")] = None,
+    until_eof: Annotated[
+        bool, Parameter(help="end when standard input does, and so with whoever started it")
+    ] = False,
 ) -> None:
     """Offer a simulated robot's serial lines and camera until interrupted.
 
@@ -52,12 +57,19 @@ def sim(
     cv2.setNumThreads(1)
     rig = app.rig(settings, [Fault.parse(text) for text in fault])
     rig.world.render(app.equipment(settings).camera)  # textures are painted for the first picture
-    clock.run(_serve(rig, links, robot_tcp, laser_tcp, truth))
+    clock.run(_serve(rig, links, robot_tcp, laser_tcp, truth, until_eof))
 
 
 async def _serve(
-    rig: Rig, links: Path, robot_tcp: int | None, laser_tcp: int | None, truth: Path | None
+    rig: Rig,
+    links: Path,
+    robot_tcp: int | None,
+    laser_tcp: int | None,
+    truth: Path | None,
+    until_eof: bool,
 ) -> None:
+    if until_eof:
+        asyncio.get_running_loop().add_reader(STDIN, _read_to_eof)
     with ExitStack() as offers:
         ptys = [line for line in (rig.robot, rig.laser, rig.ptz) if line is not None]
         for line in ptys:
@@ -71,6 +83,13 @@ async def _serve(
         ready = _announce(offered, links / CONTROL)
         parts = clock.together(rig.run(), control, _tell(rig, truth), ready)
         await clock.until_signal(parts, signal.SIGTERM, signal.SIGINT)
+
+
+def _read_to_eof() -> None:
+    """A pipe ends with the process that holds its other end, however that ends."""
+    if not os.read(STDIN, 4096):
+        asyncio.get_running_loop().remove_reader(STDIN)
+        signal.raise_signal(signal.SIGTERM)
 
 
 async def _announce(offered: str, control: Path) -> None:

@@ -75,3 +75,6 @@ class Sketched(Protocol):
 
     def sketch(self) -> Array:
         """The way it means to take, (N, 2) m in `odom`, the goal last; empty: straight on."""
+
+    def lines(self) -> Array:
+        """Stream lines (K, N, 2) that it goes with, m in `odom`."""

@@ -24,7 +24,7 @@ from followerd.control.lookout import LookoutSettings, around, lookout, seen
 from followerd.control.surroundings import Surroundings
 from followerd.geometry import Array, Pose2
 from followerd.messages import TrackPhase, Twist
-from followerd.stream_field import Complex, velocity
+from followerd.stream_field import Complex, Floats, lines, velocity
 
 
 class StreamFollowSettings(ImageCenteringSettings):
@@ -58,6 +58,7 @@ class Course:
 STRAIGHT = Course(None)
 CLOSER = 0.2  # m that the robot may come closer before the next plan
 AHEAD = 1.0  # s that a wish must be free of contact, or it is slowed
+LINES, ABREAST = 7, 0.75  # stream lines that are drawn, and half their spread, m
 INSIDE = 0.05  # m; a return this near is inside the robot and parts no flow
 AGAINST = 0.05  # of the free flow; a weaker one has no direction
 
@@ -77,6 +78,8 @@ class StreamFollow:
         self._course = STRAIGHT
         self._place: Point | None = None  # the last view point
         self._way: Array = np.empty((0, 2))  # the last way
+        # base, sink, discs' centres and radii (in `base`) of the last flow
+        self._field: tuple[Pose2, complex, Complex, Floats] | None = None
 
     def wish(self, target: Target, scene: Scene) -> Twist:
         """The motion that follows `target`; no forward speed without a range."""
@@ -101,6 +104,16 @@ class StreamFollow:
         if goal is None:
             return np.empty((0, 2))
         return np.array([goal]) if self._course.watch is not None else self._way
+
+    def lines(self) -> Array:
+        """See Sketched."""
+        if self._field is None:
+            return np.empty((0, 0, 2))
+        base, sink, centres, radii = self._field
+        aside: Complex = (1j * np.linspace(-ABREAST, ABREAST, LINES)).astype(np.complex128)
+        z = lines(aside, np.full(LINES, sink), centres, radii, 0.1, 25)
+        points = base.apply(np.column_stack([z.real.ravel(), z.imag.ravel()]))
+        return points.reshape(*z.shape, 2)
 
     def _planned(self, target: Target, person: Point, scene: Scene) -> Course:
         """The way to the person, or to where they are, or will be, seen better."""
@@ -155,12 +168,12 @@ class StreamFollow:
         s, course = self.settings, self._course
         assert target.range is not None
         if course.point is None or target.range < s.safe_distance_m:
-            flow = self._flow(target.range, target.bearing, near)
+            flow = self._flow(target.range, target.bearing, near, scene.base)
             length = target.range + (course.left if target.range > s.safe_distance_m else 0.0)
             return Target(flow, length, _turned(target.velocity, flow - target.bearing))
         x, y = (~scene.base).apply_point(*course.point)
         distance = hypot(x, y)
-        flow = self._flow(distance, atan2(y, x), near)
+        flow = self._flow(distance, atan2(y, x), near, scene.base)
         if course.watch is not None:
             speed = hypot(*target.velocity)
             keep_up = speed * cos(flow), speed * sin(flow)
@@ -170,8 +183,8 @@ class StreamFollow:
         growth = cos(last) * target.velocity[0] + sin(last) * target.velocity[1]
         return Target(flow, distance + course.left, (growth * cos(flow), growth * sin(flow)))
 
-    def _flow(self, distance: float, bearing: float, near: Array) -> float:
-        """Bearing of the flow to a sink, rad."""
+    def _flow(self, distance: float, bearing: float, near: Array, base: Pose2) -> float:
+        """Bearing of the flow to a sink, rad; the robot is at `base`."""
         s = self.settings
         sink = distance * np.exp(1j * bearing)
         z = near[:, 0] + 1j * near[:, 1]
@@ -183,6 +196,7 @@ class StreamFollow:
         centres = _apart(z, 2.0 * s.disc_m)
         # a robot inside a disc is let along its rim
         radii = np.minimum(s.disc_m, 0.95 * np.abs(centres))
+        self._field = base, complex(sink), centres, radii
         flow = velocity(
             np.zeros(1, complex), np.array([sink]), np.array([distance]), centres, radii
         )[0]

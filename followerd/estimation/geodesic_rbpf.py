@@ -44,6 +44,7 @@ class GeodesicSettings(Settings):
 
 STEP = 0.25  # s, to which noise per step refers
 MEDIAN_STEPS = 6
+COURSE_STEP, COURSE_STEPS = 0.15, 24  # m, of ways that are drawn
 NEAREST = 0.01  # m, from the median: nearer counts as this
 
 
@@ -141,6 +142,18 @@ class GeodesicRbpf:
         chance = np.array([0.0, 0.0, s.part_seen, s.all_seen])[count]
         trusted: Array = chance * np.exp(-np.square(sweep.heading_sigma * away / s.body_m))
         return trusted
+
+    def courses(self, count: int) -> Complex:
+        """Ways (count, N) that the person may take, for drawing: to the likeliest goals."""
+        weight = np.bincount(self.goal, self.cloud.w, self.nowhere + 1)[: self.nowhere]
+        goals = np.argsort(-weight, kind="stable")[:count]
+        points = [np.full(goals.size, self.position())]
+        for _ in range(COURSE_STEPS):
+            cells = self.ways.floor.cells(points[-1])
+            way = self.ways.direction[goals, cells]
+            left = np.minimum(COURSE_STEP, self.ways.distance[goals, cells])
+            points.append(points[-1] + left * way)
+        return np.stack(points, axis=1)
 
     def position(self) -> complex:
         """The weighted geometric median: the least mean distance, also between two ways round."""

@@ -26,7 +26,7 @@ from followerd.estimation.occluded import Complex, Sweep
 from followerd.estimation.person_filters import Cloud
 from followerd.geometry import Array
 from followerd.settings import Settings
-from followerd.stream_field import Floats, discs, velocity
+from followerd.stream_field import Floats, discs, lines, velocity
 
 BLOCK = 256  # particles whose flow is computed at once, so that it stays in the cache
 STEP = 0.25  # s, to which the paper's noise per step refers
@@ -81,6 +81,15 @@ class StreamField:
         """Where the particles (N,) want to go."""
         goals: Complex = self.cloud.z + self.settings.goal_m * np.exp(1j * self.phi)
         return goals
+
+    def courses(self, count: int) -> Complex:
+        """Ways (count, N) that the person may take, for drawing: stream lines to likely goals."""
+        order = self.phi.argsort()
+        share = self.cloud.w[order].cumsum()
+        middles = (np.arange(count) + 0.5) / count * share[-1]
+        picks = order[np.minimum(share.searchsorted(middles), order.size - 1)]
+        starts = np.full(count, self.cloud.mean())
+        return lines(starts, self.goals[picks], self.centres, self.radii, 0.1, 25)
 
     def advance(self, dt: float) -> None:
         """Sample goals (line 15), then go with the flow (line 16, eq. 6)."""
@@ -145,6 +154,10 @@ class StreamFieldRbpf:
     def miss(self, sweep: Sweep) -> None:
         """Not being seen says nothing here: the weights stay."""
 
+    def courses(self, count: int) -> Complex:
+        """See StreamField."""
+        return self.field.courses(count)
+
     def position(self) -> complex:
         """The mean."""
         return self.cloud.mean()
@@ -184,6 +197,10 @@ class StreamFieldSir:
 
     def miss(self, sweep: Sweep) -> None:
         """Not being seen says nothing here: the weights stay."""
+
+    def courses(self, count: int) -> Complex:
+        """See StreamField."""
+        return self.field.courses(count)
 
     def position(self) -> complex:
         """The mean."""

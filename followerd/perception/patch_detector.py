@@ -26,6 +26,7 @@ from followerd.perception.patches import (
     accepted,
     box_of,
     confidence,
+    likeness,
     surely,
 )
 from followerd.perception.spot import Spot, in_base, row
@@ -78,6 +79,7 @@ class Sight:
     spot: Spot | None = None
     by_depth: bool = True  # False: the depth was told by the size
     is_whole: bool = True  # nothing hides a part of them
+    likeness: Array | None = None  # (P,) of its patches, nan = hidden or unknown
 
 
 class Shown(NamedTuple):
@@ -165,7 +167,8 @@ class PatchDetector:
         if is_whole:
             literal = s.literal_learning or self._paper
             self.model.learn(shown.view, verdict, best, dt, literal)
-        sight = Sight(Found.PERSON, confidence(verdict, best), is_whole=is_whole)
+        alike = likeness(verdict, best)
+        sight = Sight(Found.PERSON, confidence(verdict, best), is_whole=is_whole, likeness=alike)
         return self._placed(sight, image, boxes[best], middle if depth is not None else None, shown)
 
     def find(self, image: Image, near: Array | None, reach: float) -> Sight:
@@ -196,7 +199,8 @@ class PatchDetector:
             score = float(verdict.score[one]) * exp(-2.0 * (away / reach) ** 2)
             if score > best and is_whole and surely(verdict, one, patch):
                 best = score
-                who = Sight(Found.PERSON, confidence(verdict, one))
+                alike = likeness(verdict, one)
+                who = Sight(Found.PERSON, confidence(verdict, one), likeness=alike)
                 sight = self._placed(who, image, boxes[one], middle, shown)
                 self._gain = shown.gain
             if looked == BODIES:

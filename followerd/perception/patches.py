@@ -70,6 +70,7 @@ class Verdict(NamedTuple):
     hidden: Array  # (M,) share of the person's patches
     rho: Array  # (2, M, P) similarities by colour and texture
     fit: Array  # (M,) agreement of the outlines, 0..1
+    tells: Mask  # (M, P) patches that are usable
 
 
 class Window:
@@ -186,6 +187,7 @@ class PatchModel:
             (hidden & own).sum(axis=1) / np.maximum(own.sum(axis=1), 1),
             rho,
             fit[which, best],
+            usable,
         )
 
     def learn(self, view: View, verdict: Verdict, box: int, dt: float, literal: bool) -> None:
@@ -241,6 +243,12 @@ class PatchModel:
         weight = _epanechnikov(WHOLE)
         parts = (np.einsum("mp...,p->m...", part, weight)[:, None] for part in view)
         return View(*parts)
+
+
+def likeness(verdict: Verdict, box: int) -> Array:
+    """How like the model each patch (P,) of a box is, 0..1; nan where it tells nothing."""
+    alike: Array = np.where(verdict.tells[box], verdict.rho[:, box].min(axis=0), np.nan)
+    return alike
 
 
 def accepted(verdict: Verdict, box: int, settings: PatchSettings) -> bool:

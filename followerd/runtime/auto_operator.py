@@ -5,9 +5,6 @@ pair of legs in the laser inside the camera's view. A tracker of images gets a b
 projected into the image, one of scans the place.
 """
 
-from math import hypot
-
-import numpy as np
 import structlog
 
 from followerd import clock
@@ -15,13 +12,13 @@ from followerd.control.mode import Action
 from followerd.errors import UsageError
 from followerd.geometry import Camera
 from followerd.messages import Box, Image, Measurement, Scan
+from followerd.perception.body_outline import body_box
 from followerd.perception.head_outline import head_box, nearest_head
 from followerd.runtime.daemon import Daemon
 from followerd.trackers.sweeping import person_between
 
 RETRY = 0.5  # s
 NEAREST, FARTHEST = 0.8, 4.0  # m
-HALF_WIDTH, TOP = 0.20, 1.0  # m, of the outline: legs and hips, what the camera keeps in view
 
 log = structlog.get_logger()
 
@@ -76,7 +73,7 @@ class AutoOperator:
         if self._daemon.scanning is not None:
             return legs
         if not self._heads:
-            return None if legs is None else outline(image.camera, *legs)
+            return None if legs is None else body_box(image.camera, *legs)
         return nearest_head(image) if legs is None else head_box(image, *legs)
 
 
@@ -84,16 +81,3 @@ def person_ahead(scan: Scan, camera: Camera) -> tuple[float, float] | None:
     """Where (x, y in `base`, m) the nearest standing person in the camera's view has its axis."""
     left, right = camera.bearing(0.0), camera.bearing(camera.width - 1.0)
     return person_between(scan, right, left, NEAREST, FARTHEST)
-
-
-def outline(camera: Camera, x: float, y: float) -> Box:
-    """The visible part of the box around a body at (x, y) of `base`: legs and hips, px."""
-    distance = hypot(x, y)
-    aside = np.array([-y, x]) / distance * HALF_WIDTH
-    corners = np.array(
-        [[x + s * aside[0], y + s * aside[1], z] for s in (-1.0, 1.0) for z in (0.0, TOP)]
-    )
-    columns, rows, _ = camera.project(corners).T
-    first = max(0.0, float(columns.min())), max(0.0, float(rows.min()))
-    last = min(camera.width - 1.0, columns.max()), min(camera.height - 1.0, rows.max())
-    return Box(*first, float(last[0] - first[0]), float(last[1] - first[1]))

@@ -23,6 +23,7 @@ from followerd.messages import (
 from followerd.pipeline import Event, Late, Operator, Pipeline, Tick
 from followerd.record.journal import Entry, Taken
 from followerd.runtime.overheard import Hear
+from followerd.runtime.pointing import Pointing
 from followerd.runtime.scanning import Scanning
 from followerd.runtime.shadows import Shadows
 from followerd.runtime.stats import Stats
@@ -52,7 +53,10 @@ class Daemon:
         image_work: float,
         head: PanTilt | None = None,
         shadows: Shadows | None = None,
+        *,
+        heads: bool = False,
     ) -> None:
+        """`heads`: the tracker wants the head, not the body."""
         self.base = base
         self.head = head
         self.shadows = shadows
@@ -65,12 +69,16 @@ class Daemon:
         )
         looking = Looking(None if by_scans else tracker, pipeline.ego_at, pipeline.place_at)
         self.vision = Vision(looking, self.handle, self._consumed, image_work)
+        self.pointing = Pointing(pipeline.ego_at, heads=heads)
         self.stats = Stats(began=clock.now())
         self.decision: Decision | None = None
         self.decision_watchers: list[Callable[[Decision], None]] = []
         self.journal_watchers: list[Callable[[Entry], None]] = []
         self.line_watchers: list[Hear] = []  # of the devices' bytes, where the config wants them
-        self.measurement_watchers: list[Callable[[Measurement], None]] = [self.stats.measured]
+        self.measurement_watchers: list[Callable[[Measurement], None]] = [
+            self.stats.measured,
+            self.pointing.measured,
+        ]
         if shadows is not None:
             self.decision_watchers.append(shadows.note)
         self._novelty = Novelty()
@@ -153,11 +161,13 @@ class Daemon:
         if refused:
             raise UsageError(refused)
         if self.scanning is None:
-            state = await self.vision.enrol(region, frame_id)
+            image = self.vision.frame(frame_id)
+            meant = self.pointing.meant(image, region)
+            state = await self.vision.enrol(meant, image.id)
         else:
             in_picture = isinstance(region, Box) or frame_id is not None
-            image = self.vision.frame(frame_id) if in_picture else None
-            state = self.scanning.enrol(region, image)
+            clicked = self.vision.frame(frame_id) if in_picture else None
+            state = self.scanning.enrol(region, clicked)
         self._lock_exposure(True)
         where = state.position if state.box is None else state.box
         log.info("enrolled", at=where, confidence=round(state.confidence, 2))

@@ -24,6 +24,7 @@ class Scanning:
         self._sweeping = sweeping
         self._deliver = deliver
         self._consumed = consumed
+        self.courses = sweeping.courses
         self.step_times: deque[float] = deque(maxlen=KEPT)  # s
 
     def take(self, scan: Scan, pose: RobotPose | None) -> None:

@@ -2,7 +2,7 @@
 
 from typing import Protocol, runtime_checkable
 
-from followerd.geometry import Pose2
+from followerd.geometry import Array, Pose2
 from followerd.maps.floor import FloorMap
 from followerd.messages import Box, Image, Odometry, Place, RobotPose, Scan, TrackState
 
@@ -36,6 +36,14 @@ class Tracker(Protocol):
 
     def forget(self) -> None:
         """Drop the enrolled person."""
+
+
+@runtime_checkable
+class Foreseeing(Tracker, Protocol):
+    """A tracker that can show where its person may go."""
+
+    def courses(self) -> Array:
+        """Ways (K, N, 2) from where they are, m in `odom`; empty while they are lost."""
 
 
 @runtime_checkable

@@ -201,6 +201,7 @@ class Patches:
             bearing=atan2(y, x),
             range=away,
             range_sigma=float(along @ estimate.P[:2, :2] @ along) ** 0.5,
+            patches=_patches(sight),
         )
         return state if ego is None else _in_odom(state, estimate, ego)
 
@@ -217,6 +218,18 @@ def _in_odom(state: TrackState, estimate: Estimate, ego: Pose2) -> TrackState:
         velocity=Pose2(theta=ego.theta).apply_point(vx, vy),
         covariance=turn @ estimate.P[np.ix_(plane, plane)] @ turn.T,
     )
+
+
+def _patches(sight: Sight) -> Array | None:
+    """The grid of patches in the image; see TrackState."""
+    if sight.box is None or sight.likeness is None:
+        return None
+    box, side = sight.box, round(sight.likeness.size**0.5)
+    w, h = box.w / side, box.h / side
+    rows, columns = np.divmod(np.arange(sight.likeness.size), side)
+    sizes = np.full((sight.likeness.size, 2), (w, h))
+    corners = np.column_stack([box.x + w * columns, box.y + h * rows])
+    return np.column_stack([corners, sizes, sight.likeness])
 
 
 def _visible(box: Box, image: Image) -> Box | None:

@@ -41,6 +41,7 @@ Mask = npt.NDArray[np.bool_]
 LONGEST_GAP = 0.5  # s between scans, over which background is learned
 TRUSTED = 0.5  # of a leg: below, it is known to be somebody else's
 FASTEST = 1.5  # m/s, of the person
+COURSES = 5  # of the person, that are drawn
 
 
 class StreamFieldTrackerSettings(Settings):
@@ -175,6 +176,15 @@ class StreamFieldTracker:
             since = measurement.stamp - estimate.unseen_for
             self._comeback = Comeback(last, since, self.settings.comeback)
         return self._state(estimate, self._phase(estimate), ego, map_from_odom)
+
+    def courses(self) -> Array:
+        """See Foreseeing."""
+        courses = getattr(self._pursuit and self._pursuit.belief, "courses", None)
+        if courses is None or self._map_from_odom is None or self._comeback is not None:
+            return np.empty((0, 0, 2))
+        z = courses(COURSES)
+        points = (~self._map_from_odom).apply(np.column_stack([z.real.ravel(), z.imag.ravel()]))
+        return points.reshape(*z.shape, 2)
 
     def _choose_belief(self, pursuit: Pursuit) -> None:
         """A robot that is lost knows no ways round obstacles (FAILSAFES F17)."""

@@ -2,18 +2,19 @@
 
 from collections import deque
 from collections.abc import Callable
-from math import hypot, inf, pi, radians
+from math import cos, hypot, inf, pi, sin
 
 import numpy as np
+import numpy.typing as npt
 
 from followerd.errors import UsageError
-from followerd.geometry import Pose2, wrap_angle
-from followerd.messages import Box, Image, RobotPose, Scan, TrackState
+from followerd.geometry import Array, Pose2
+from followerd.messages import Box, Clusters, Image, RobotPose, Scan, TrackState
 from followerd.perception.clusters import ClusterSettings, find_clusters
-from followerd.trackers.interfaces import MapTracker, Tracker
+from followerd.trackers.interfaces import Foreseeing, MapTracker, Tracker
 
 HISTORY = 60  # scans kept so that a click on a picture seen a moment ago can be honoured
-ASIDE = radians(5.0)  # of a clicked point, that the person may be
+ASIDE = 0.3  # m, of the direction of a clicked point, that a leg of the person may be
 STRIDE = 0.6  # m, farthest apart two legs of one standing person are
 LEG_RADIUS = 0.06  # m, from a leg's visible side to its middle
 
@@ -51,6 +52,12 @@ class Sweeping:
             state = self._step(*later) or state
         return self._history[-1][0], state
 
+    def courses(self) -> Array:
+        """Where the person may go; see Foreseeing. Empty where the tracker does not tell."""
+        if isinstance(self._tracker, Foreseeing):
+            return self._tracker.courses()
+        return np.empty((0, 0, 2))
+
     def _step(self, scan: Scan, ego: Pose2 | None, pose: RobotPose | None) -> TrackState | None:
         if isinstance(self._tracker, MapTracker):
             self._tracker.locate(pose, ego)
@@ -73,6 +80,20 @@ def person_between(
     half = 0.5 * ((left - right) % (2.0 * pi))
     aside = np.abs((found.bearing - right - half + pi) % (2.0 * pi) - pi)
     fits &= aside < half
+    return _nearest(found, fits)
+
+
+def person_towards(scan: Scan, ray: Pose2) -> tuple[float, float] | None:
+    """Where (x, y in `base`, m) the first person along a `ray` has their axis."""
+    found = find_clusters(scan, scan.points(), ClusterSettings())
+    off = found.centre - (ray.x, ray.y)
+    along = np.array([cos(ray.theta), sin(ray.theta)])
+    aside = np.abs(off @ (-along[1], along[0]))
+    return _nearest(found, found.leg_like & (off @ along > 0.0) & (aside < ASIDE))
+
+
+def _nearest(found: Clusters, fits: npt.NDArray[np.bool_]) -> tuple[float, float] | None:
+    """The axis of the nearest person of those clusters that fit."""
     candidates = np.flatnonzero(fits)
     if not candidates.size:
         return None
@@ -93,10 +114,10 @@ def _clicked(
         raise UsageError("a box is drawn in a picture; the camera has not given one yet")
     if isinstance(region, Box):
         left, right = image.camera.bearing(region.x), image.camera.bearing(region.x + region.w)
+        point = person_between(scan, right, left)
     else:
-        bearing = image.camera.bearing(region[0])
-        left, right = wrap_angle(bearing + ASIDE), wrap_angle(bearing - ASIDE)
-    point = person_between(scan, right, left)
+        camera = image.camera
+        point = person_towards(scan, Pose2(camera.x, camera.y, camera.bearing(region[0])))
     if point is None:
         raise UsageError("the laser sees no legs there; click on somebody whose legs are in view")
     return point

@@ -17,7 +17,7 @@ from followerd.geometry import Pose2
 from followerd.messages import Decision, Image, Measurement, Scan, TrackState
 from followerd.runtime.daemon import Daemon
 from followerd.streams import STREAMS
-from followerd.web.views import decision_view, legs_view, number, scan_view, track_view
+from followerd.web.views import decision_view, legs_view, lines_view, number, scan_view, track_view
 
 HEADER = struct.Struct("<IIdd")  # kind 1, frame id, s captured (loop), s sent (loop)
 PICTURE = 1
@@ -89,6 +89,9 @@ class Hub:
                 view["legs"] = legs_view(seen)
             if isinstance(law := self.daemon.pipeline.controller, Sketched):
                 view["way"] = np.round(law.sketch(), 2).tolist()
+                view["lines"] = lines_view(law.lines())
+            if self.daemon.scanning is not None:
+                view["courses"] = lines_view(self.daemon.scanning.courses())
             self._state = now, json.dumps({"state": view}, allow_nan=False)
         return self._state[1]
 

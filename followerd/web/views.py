@@ -25,6 +25,7 @@ def track_view(decision: Decision) -> dict[str, Any] | None:
         "box": _box(track.box),
         "candidates": [_box(box) for box in track.candidates[:30]],
         "particles": _thinned(track.particles),
+        "patches": _patches(track.patches),
         "range": number(track.range),
         "bearing": number(track.bearing),
         "position": None if track.position is None else [number(v) for v in track.position],
@@ -62,6 +63,12 @@ def legs_view(view: View) -> list[list[float]]:
     """What looks like a leg or two in a scan, in `odom`, cm."""
     seen = view.base.apply(view.clusters.centre[view.clusters.leg_like])
     whole: list[list[float]] = np.rint(100.0 * seen).astype(int).tolist()
+    return whole
+
+
+def lines_view(lines: Array) -> list[list[list[float]]]:
+    """Lines (K, N, 2) in `odom`, cm."""
+    whole: list[list[list[float]]] = np.rint(100.0 * lines).astype(int).tolist()
     return whole
 
 
@@ -109,6 +116,11 @@ def _placed(pose: RobotPose | None) -> list[float | None] | None:
 
 def _box(box: Box | None) -> list[float | None] | None:
     return None if box is None else [number(v) for v in (box.x, box.y, box.w, box.h)]
+
+
+def _patches(patches: Array | None) -> list[list[float | None]]:
+    """x, y, w, h and likeness of each, None where it is hidden."""
+    return [] if patches is None else [[number(v) for v in row] for row in patches.tolist()]
 
 
 def _thinned(particles: Array | None) -> list[list[float]]:

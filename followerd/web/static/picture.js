@@ -52,6 +52,10 @@ export class Picture {
       for (const box of track.candidates ?? []) this.frameOf(c, box);
       c.fillStyle = '#5cf8';
       if (track.box) for (const [x, y] of track.particles ?? []) c.fillRect(x - unit / 2, y - unit / 2, unit, unit);
+      for (const [x, y, w, h, like] of track.patches ?? []) {
+        c.strokeStyle = like === null ? '#fff3' : `hsl(${120 * Math.max(0, Math.min(1, 2 * like - 1))} 90% 55% / .7)`;
+        c.strokeRect(x, y, w, h);
+      }
       if (track.box) {
         const colour = COLOURS[track.phase] ?? '#fff';
         c.lineWidth = 2 * unit;

@@ -1,4 +1,5 @@
-// From above, the robot in the middle and looking up: scan, person, trails, the guard's fields.
+// From above, the robot in the middle and looking up: scan, person, particles, trails, the guard's
+// fields, stream lines of the robot (blue) and ways the person may take (yellow).
 const TRAIL = 400;   // places kept
 
 export class Top {
@@ -85,6 +86,10 @@ export class Top {
       c.arc(u, v, Math.max(3, 0.08 * scale), 0, 2 * Math.PI);
       c.stroke();
     }
+    for (const line of state.lines ?? []) this.line(c, line.map(([x, y]) => at([x / 100, y / 100])), '#5cf4', 1);
+    for (const line of state.courses ?? []) this.line(c, line.map(([x, y]) => at([x / 100, y / 100])), '#fc68', 1);
+    c.fillStyle = '#5cf8';
+    if (!track?.box) for (const place of track?.particles ?? []) c.fillRect(...at(place), 2, 2);
     this.way(c, (state.way ?? []).map(at));
     if (track?.position) this.person(c, at(track.position), scale, track, heading);
     this.robot(c, middle, scale, state);
@@ -133,9 +138,9 @@ export class Top {
     c.strokeRect(u - 5, v - 5, 10, 10);
   }
 
-  line(c, points, colour) {
+  line(c, points, colour, width = 2) {
     c.strokeStyle = colour;
-    c.lineWidth = 2;
+    c.lineWidth = width;
     c.beginPath();
     for (const [u, v] of points) c.lineTo(u, v);
     c.stroke();
