@@ -27,7 +27,7 @@ AROUND = np.array([dy * SIDE + dx for dx, dy in NEIGHBOURS])
 CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 SQUARE = np.ones((3, 3), np.uint8)
 WITHIN = np.ones((9, 9), np.uint8)  # cells that count as the same way
-SAMPLE = 0.12  # m between the points of a line that are looked at
+SAMPLE = 0.2  # m between the points of a line that are looked at
 SOLID = 0.11  # m; nearer to a return no line of sight is relied on
 
 Point = tuple[float, float]
@@ -55,6 +55,11 @@ class Ground:
         most = (HALF - 2) * CELL
         share = min(1.0, most / max(abs(dx), abs(dy), most))
         return self.here[0] + share * dx, self.here[1] + share * dy
+
+    def room(self, points: Array) -> Array:
+        """From each of the points (N, 2) to the nearest return, m."""
+        away: Array = self.clearance[self._cells(points)]
+        return away
 
     def is_open(self, starts: Array, ends: Array, clearance: float) -> Mask:
         """Whether the straight lines to (N, 2), from as many or from one, keep `clearance` m.

@@ -1,10 +1,11 @@
-"""Where to stand so as to see the person, and where they may be a moment later.
+"""Where to drive so as to go on seeing the person, wherever they walk next.
 
-Places straight ahead of the robot are weighed: how much of that cannot be seen from there past the
-known returns, how far it is to drive, and how far from the person it would stand.
+Courses straight ahead of the robot are weighed: how much of where the person may be in the next
+seconds could not be seen on the way there and from its end, past the known returns and within the
+laser's field, how far it is to drive, and how far from the person it would end.
 """
 
-from math import atan2, pi
+from math import atan2, cos, hypot, sin
 
 import numpy as np
 from pydantic import Field
@@ -13,29 +14,92 @@ from followerd.control.ground import SOLID, Ground, Mask, Point
 from followerd.geometry import Array
 from followerd.settings import Settings
 
-RINGS = (0.3, 0.6, 0.9, 1.3, 1.8)  # m from the robot
-RAYS = np.radians(np.linspace(-84.0, 84.0, 13))  # from the direction to the person
-TURNS = np.array([0.0, 40.0, -40.0, 80.0, -80.0, 130.0, -130.0]) * pi / 180  # off their heading
+RINGS = (0.4, 0.9, 1.5, 2.1)  # m from the robot
+RAYS = np.radians(np.linspace(-85.0, 85.0, 11))  # from the direction to the person
+# rad/s in the first and in the second half of the time
+TURNS = np.array([(0, 0), (0.5, 0), (-0.5, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])
+DODGES = np.array([0.0, 0.5, -0.5, 1.0, -1.0, 1.6, -1.6])  # rad, where something stands in the way
+BODY = 0.25  # m, that a person keeps from what stands around
+STEPS = 8  # of a walk
+LOOKS = 4  # of them that are looked at
+SLOWEST = 0.1  # m/s, of a person who may walk
 
 
 class LookoutSettings(Settings):
     """What a good view is worth."""
 
-    horizon_s: float = Field(2.5, ge=0, description="where the person may be by then is looked at")
-    most_m: float = Field(1.6, gt=0, description="farthest from the person to be looked at")
-    worth_m: float = Field(4.5, gt=0, description="of way: to see all of it instead of nothing")
-    turn_m: float = Field(0.4, ge=0, description="of way: to turn by a radian before")
+    horizon_s: float = Field(4.0, gt=0, description="where the person may be by then is looked at")
+    worth_m: float = Field(6.0, gt=0, description="of way: to see all of it instead of nothing")
+    way: float = Field(0.3, ge=0, description="a metre of it")
+    turn_m: float = Field(0.2, ge=0, description="of way: to turn by a radian before")
     nearest_m: float = Field(1.1, gt=0, description="a place is no nearer to the person")
-    close_m: float = Field(1.2, gt=0, description="kept of a person who may soon be hidden")
+    close_m: float = Field(1.8, gt=0, description="kept of a person who may soon be hidden")
+    far: float = Field(0.7, ge=0, description="of way: to end a metre off that distance")
+    roomy_m: float = Field(0.9, gt=0, description="off all returns the guard lets it go anywhere")
+    tight: float = Field(3.0, ge=0, description="of way: to end a metre nearer to one")
+    stay_share: float = Field(0.5, ge=0, le=1, description="of them unseen: it goes to the person")
     gain_m: float = Field(0.15, ge=0, description="what a place must be better than the present")
-    keep_m: float = Field(0.6, ge=0, description="what another must be better than the last one")
+    keep_m: float = Field(0.3, ge=0, description="what another must be better than the last one")
+    field_deg: float = Field(87.0, gt=0, le=180, description="what is farther aside is not seen")
+    speed_mps: float = Field(0.5, gt=0, description="at which the robot gets there")
+    turn_radps: float = Field(1.0, gt=0, description="and turns there")
+
+
+def walks(ground: Ground, person: Point, velocity: Point, sigma: float, horizon: float) -> Array:
+    """Where the person may be (LOOKS, M, 2), step by step until `horizon`, s."""
+    speed = max(hypot(*velocity), SLOWEST)
+    heading = atan2(velocity[1], velocity[0])
+    along = np.array([0.0] if sigma < BODY else [-0.7 * sigma, 0.0, 0.7 * sigma])
+    aim = np.full((len(along), len(TURNS)), heading).ravel()
+    ahead = np.array([cos(heading), sin(heading)])
+    at = np.repeat(np.array(person) + along[:, None] * ahead, len(TURNS), axis=0)
+    turns = np.tile(TURNS, (len(along), 1))
+    dt, every, shown = horizon / STEPS, STEPS // LOOKS, []
+    for step in range(STEPS):
+        aim = aim + dt * turns[:, 2 * step // STEPS]
+        tried = aim[:, None] + DODGES
+        there = at[:, None] + dt * speed * np.stack([np.cos(tried), np.sin(tried)], axis=2)
+        free: Mask = (ground.room(there.reshape(-1, 2)) >= BODY).reshape(tried.shape)
+        first = free.argmax(axis=1)
+        row = np.arange(len(at))
+        aim = tried[row, first]
+        at = np.where(free[row, first][:, None], there[row, first], at)
+        if (step + 1) % every == 0:
+            shown.append(at)
+    return np.array(shown)
+
+
+def unseen(
+    ground: Ground, places: Array, spots: Array, heading: float, s: LookoutSettings
+) -> Array:
+    """Share (N,) of `spots` (T, M, 2) that is not seen on the way to each of `places` (N, 2)."""
+    here = np.array(ground.here)
+    way = places - here
+    length = np.hypot(way[:, 0], way[:, 1])
+    unit = way / np.maximum(length, 1e-9)[:, None]
+    direction = unit[:, 0] + 1j * unit[:, 1]
+    moves = length > 1e-6
+    turn = np.where(moves, np.abs(np.angle(direction * np.exp(-1j * heading))), 0.0)
+    times = s.horizon_s * np.arange(1, len(spots) + 1) / len(spots)
+    gone = np.clip(s.speed_mps * (times - turn[:, None] / s.turn_radps), 0.0, length[:, None])
+    stands = here + gone[:, :, None] * unit[:, None]  # (N, T, 2)
+    n, (t, m) = len(places), spots.shape[:2]
+    ends = np.broadcast_to(spots, (n, t, m, 2))
+    starts = np.broadcast_to(stands[:, :, None], (n, t, m, 2))
+    seen = ground.is_open(starts.reshape(-1, 2), ends.reshape(-1, 2), SOLID).reshape(n, t, m)
+    off = ends - starts
+    aside = np.angle((off[..., 0] + 1j * off[..., 1]) * direction.conj()[:, None, None])
+    under_way = moves[:, None] & (gone < length[:, None])
+    seen &= ~(under_way[:, :, None] & (np.abs(aside) > np.radians(s.field_deg)))
+    share: Array = 1.0 - seen.mean(axis=(1, 2))
+    return share
 
 
 def lookout(
     ground: Ground, person: Point, spots: Array, heading: float, last: Point | None,
     settings: LookoutSettings,
 ) -> Point | None:  # fmt: skip
-    """The better place than the present one to see `spots` (N, 2) from; None where there is none.
+    """The better place than the present one to see `spots` (T, M, 2) from; None if there is none.
 
     The robot looks along `heading`, the person is in sight or not; `last` is the place that was
     chosen before.
@@ -49,42 +113,26 @@ def lookout(
     fits = ground.is_open(here, places, ground.narrow) & (off > s.nearest_m)
     fits[0] = True
     kept = last is not None and bool(fits[-1])
-    places, off = places[fits], off[fits]
+    places = places[fits]
     way = places - here
     turns = np.abs(np.angle((way[:, 0] + 1j * way[:, 1]) * np.exp(-1j * heading)))
     turns[0] = 0.0
-    cost = s.worth_m * (1.0 - seen(ground, places, spots).mean(axis=1))
-    cost += np.hypot(*way.T) + s.turn_m * turns + 0.5 * np.abs(off - s.close_m)
+    off = np.hypot(*(places - spots[len(spots) // 2].mean(axis=0)).T)
+    hidden = unseen(ground, places, spots, heading, s)
+    cost = s.worth_m * hidden
+    cost += s.way * np.hypot(*way.T) + s.turn_m * turns + s.far * np.abs(off - s.close_m)
+    cost += s.tight * np.maximum(s.roomy_m - ground.room(places), 0.0)
     if kept:
         cost[-1] -= s.keep_m
     best = int(cost.argmin())
     if cost[best] > cost[0] - s.gain_m:
-        return None
+        return ground.here if hidden[0] < s.stay_share else None
     x, y = places[best].tolist()
     return x, y
 
 
-def around(ground: Ground, person: Point, heading: float, reach: float) -> Array:
-    """Where somebody who walks along `heading` may be within `reach` m (N, 2); the present place
-    first and twice.
-    """
-    angles = heading + TURNS
-    rays = reach * np.column_stack([np.cos(angles), np.sin(angles)])
-    at = np.array(person)
-    middle = at + 0.5 * rays
-    middle = middle[ground.is_open(at, middle, SOLID)]
-    if not len(middle):
-        return at[None]
-    # on, or round one corner, which is a way of at most 1.5 times the reach
-    far = at + rays
-    first, last = np.repeat(middle, len(far), axis=0), np.tile(far, (len(middle), 1))
-    come = ground.is_open(first, last, SOLID).reshape(len(middle), -1).any(axis=0)
-    return np.concatenate([[at, at], middle, far[come]])
-
-
-def seen(ground: Ground, places: Array, spots: Array) -> Mask:
-    """Which spots (M, 2) are seen from which places (N, 2): (N, M)."""
-    n, m = len(places), len(spots)
-    lines = ground.is_open(np.repeat(places, m, axis=0), np.tile(spots, (n, 1)), SOLID)
-    of_each: Mask = lines.reshape(n, m)
+def seen(ground: Ground, place: Point, spots: Array) -> Mask:
+    """Which spots (T, M) are seen from a place."""
+    lines = ground.is_open(np.array([place]), spots.reshape(-1, 2), SOLID)
+    of_each: Mask = lines.reshape(spots.shape[:2])
     return of_each

@@ -6,12 +6,12 @@ where discs touch, and in a U it has places where nothing flows: so the sink lie
 while the straight way is free, else on the farthest straight-free point of the shortest way there
 over the floor that is known (`ground`). Unseen floor counts as free: it is looked at on the way.
 
-While the person is hidden and the spread of where they may be grows, the sink lies on a view point:
-the nearest place from which most of that spread can be seen.
+Where the person may go out of sight, and while they are hidden, the sink lies on a view point: the
+place from which, and on the way to which, most of where they may walk next is seen (`lookout`).
 """
 
 from dataclasses import dataclass
-from math import atan2, cos, hypot, inf, sin
+from math import atan2, cos, hypot, inf, radians, sin
 
 import numpy as np
 from pydantic import Field
@@ -20,9 +20,9 @@ from followerd.control.clearance import Footprint, time_to_contact
 from followerd.control.ground import SOLID, Ground, Mask, Point
 from followerd.control.image_centering import ImageCentering, ImageCenteringSettings
 from followerd.control.interfaces import Scene, Target
-from followerd.control.lookout import LookoutSettings, around, lookout, seen
+from followerd.control.lookout import LookoutSettings, lookout, seen, walks
 from followerd.control.surroundings import Surroundings
-from followerd.geometry import Array, Pose2
+from followerd.geometry import Array, Pose2, wrap_angle
 from followerd.messages import TrackPhase, Twist
 from followerd.stream_field import Complex, Floats, lines, velocity
 
@@ -37,6 +37,9 @@ class StreamFollowSettings(ImageCenteringSettings):
     disc_m: float = Field(0.36, gt=0, description="radius of the discs that part the flow")
     near_m: float = Field(1.2, gt=0, description="returns beyond it part no flow")
     memory_s: float = Field(6.0, ge=0, description="what is out of view is remembered that long")
+    aside_deg: float = Field(
+        80.0, gt=0, lt=90, description="off the way, a person in sight is kept"
+    )
     reach_m: float = Field(5.0, gt=0, description="farther returns are not planned with")
     replan_s: float = Field(0.1, gt=0, description="between two plans, at least")
     lookout: LookoutSettings = LookoutSettings()
@@ -50,13 +53,14 @@ class Course:
     """Where the flow goes, as planned with one scan."""
 
     point: Point | None  # m in `odom`, the sink; None: the person
-    left: float = 0.0  # m, from there on, and how much nearer than usual to keep
+    left: float = 0.0  # m, from there on
     last: float = 0.0  # rad in `odom`, direction of the way's last piece
     watch: Point | None = None  # m in `odom`, what a view point is there to see
 
 
 STRAIGHT = Course(None)
 CLOSER = 0.2  # m that the robot may come closer before the next plan
+THERE = 0.1  # m from a view point the robot stays and looks
 AHEAD = 1.0  # s that a wish must be free of contact, or it is slowed
 LINES, ABREAST = 7, 0.75  # stream lines that are drawn, and half their spread, m
 INSIDE = 0.05  # m; a return this near is inside the robot and parts no flow
@@ -124,25 +128,33 @@ class StreamFollow:
         velocity = _turned(target.velocity, base.theta)
         hidden = target.phase is not TrackPhase.CONFIRMED
         spread = min(target.sigma, 1.0) if hidden else 0.0
-        reach = min(spread + s.lookout.horizon_s * hypot(*velocity), s.lookout.most_m)
-        spots = around(ground, goal, atan2(velocity[1], velocity[0]), reach)
-        risky = not bool(seen(ground, np.array([here]), spots).all())
+        spots = walks(ground, goal, velocity, spread, s.lookout.horizon_s)
         self._place = place = (
-            lookout(ground, goal, spots, base.theta, self._place, s.lookout) if risky else None
+            lookout(ground, goal, spots, base.theta, self._place, s.lookout)
+            if self._is_risky(ground, goal, spots)
+            else None
         )
-        nearer = max(0.0, s.max_distance_m - s.lookout.close_m) if risky else 0.0
         if place is not None:
             return Course(place, watch=goal)
         # a person beside a wall is free to be reached all the same
         short = max(0.0, 1.0 - s.comfort_m / max(hypot(goal[0] - here[0], goal[1] - here[1]), 0.1))
         stop = here[0] + short * (goal[0] - here[0]), here[1] + short * (goal[1] - here[1])
         if _is_open(ground, here, stop, s.clearance_m) and _is_open(ground, here, goal, SOLID):
-            return Course(None, nearer)
+            return STRAIGHT
         ground.spread(goal, self._way)
         self._way = ground.way(goal)
-        return self._along(ground, self._way, nearer)
+        return self._along(ground, self._way)
 
-    def _along(self, ground: Ground, way: Array, nearer: float) -> Course:
+    def _is_risky(self, ground: Ground, person: Point, spots: Array) -> bool:
+        """Whether to follow straight on may lose sight of them, or lead where it is tight."""
+        s, (x, y) = self.settings, ground.here
+        away = max(hypot(person[0] - x, person[1] - y), s.max_distance_m)
+        share = 1.0 - s.max_distance_m / away
+        stop = x + share * (person[0] - x), y + share * (person[1] - y)
+        is_roomy = bool((ground.room(np.array([stop])) >= s.lookout.roomy_m).all())
+        return not (is_roomy and bool(seen(ground, stop, spots).all()))
+
+    def _along(self, ground: Ground, way: Array) -> Course:
         """To the farthest point of the way (N, 2) that is free straight ahead."""
         s = self.settings
         here = np.array(ground.here)
@@ -154,7 +166,7 @@ class StreamFollow:
         left = np.hypot(*np.diff(way[k:], axis=0).T).sum()
         dx, dy = (way[-1] - way[max(0, len(way) - 6)]).tolist()
         x, y = way[k].tolist()
-        return Course((x, y), nearer + float(left), atan2(dy, dx))
+        return Course((x, y), float(left), atan2(dy, dx))
 
     def nearby(self, base: Pose2) -> Array:
         """The returns (N, 2) about a robot at `odom_from_base`, in `base`, m."""
@@ -169,11 +181,13 @@ class StreamFollow:
         assert target.range is not None
         if course.point is None or target.range < s.safe_distance_m:
             flow = self._flow(target.range, target.bearing, near, scene.base)
-            length = target.range + (course.left if target.range > s.safe_distance_m else 0.0)
-            return Target(flow, length, _turned(target.velocity, flow - target.bearing))
+            return Target(flow, target.range, _turned(target.velocity, flow - target.bearing))
         x, y = (~scene.base).apply_point(*course.point)
         distance = hypot(x, y)
+        if course.watch is not None and distance < THERE:
+            return Target(target.bearing, s.max_distance_m)
         flow = self._flow(distance, atan2(y, x), near, scene.base)
+        flow = self._in_view(flow, target)
         if course.watch is not None:
             speed = hypot(*target.velocity)
             keep_up = speed * cos(flow), speed * sin(flow)
@@ -182,6 +196,14 @@ class StreamFollow:
         last = course.last - scene.base.theta
         growth = cos(last) * target.velocity[0] + sin(last) * target.velocity[1]
         return Target(flow, distance + course.left, (growth * cos(flow), growth * sin(flow)))
+
+    def _in_view(self, flow: float, target: Target) -> float:
+        """No farther from the person than that the laser keeps them in view."""
+        if target.phase is not TrackPhase.CONFIRMED:
+            return flow
+        off = wrap_angle(flow - target.bearing)
+        most = radians(self.settings.aside_deg)
+        return wrap_angle(target.bearing + min(max(off, -most), most))
 
     def _flow(self, distance: float, bearing: float, near: Array, base: Pose2) -> float:
         """Bearing of the flow to a sink, rad; the robot is at `base`."""

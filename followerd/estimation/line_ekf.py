@@ -44,6 +44,8 @@ class Walls:
     rho: Array  # (M,) m, >= 0
     start: Array  # (M,) m along (-sin, cos) of alpha
     end: Array  # (M,) m, > start
+    cos: Array  # (M,) of alpha
+    sin: Array  # (M,)
 
     @classmethod
     def of(cls, segments: Array) -> "Walls":
@@ -54,7 +56,7 @@ class Walls:
         alpha = np.where(rho < 0.0, alpha + pi, alpha)
         along = np.stack([-np.sin(alpha), np.cos(alpha)])
         ends = np.sort([(a.T * along).sum(axis=0), (b.T * along).sum(axis=0)], axis=0)
-        return cls(alpha, np.abs(rho), ends[0], ends[1])
+        return cls(alpha, np.abs(rho), ends[0], ends[1], np.cos(alpha), np.sin(alpha))
 
 
 class LineEkf:
@@ -63,6 +65,8 @@ class LineEkf:
     def __init__(self, walls: Walls, settings: LineEkfSettings | None = None) -> None:
         self.settings = settings or LineEkfSettings()
         self.walls = walls
+        s = self.settings
+        self._map_noise = np.diag([radians(s.map_sigma_deg) ** 2, s.map_sigma_m**2])
         self.start(Pose2(), np.diag([0.1, 0.1, 0.1]) ** 2)
 
     def start(self, pose: Pose2, covariance: Array) -> None:
@@ -121,40 +125,40 @@ class LineEkf:
         """One sequential update with the wall that fits best; whether there was one."""
         s, w = self.settings, self.walls
         x, y, theta = self.m.tolist()
-        expected = w.rho - x * np.cos(w.alpha) - y * np.sin(w.alpha)
-        flipped = np.where(expected < 0.0, -1.0, 1.0)
-        turned = line.alpha - (w.alpha - theta) + np.where(expected < 0.0, pi, 0.0)
+        expected = w.rho - x * w.cos - y * w.sin
+        behind = expected < 0.0
+        turned = line.alpha - (w.alpha - theta) + np.where(behind, pi, 0.0)
         turned = (turned + pi) % (2.0 * pi) - pi
         off = line.rho - np.abs(expected)
         turn_gate = max(radians(s.gate_deg), 3.0 * sqrt(self.P[2, 2]))
         gate = max(s.gate_m, 3.0 * sqrt(max(self.P[0, 0], self.P[1, 1])))
         near = (np.abs(turned) < turn_gate) & (np.abs(off) < gate) & self._beside(line)
-        best: tuple[float, float, Array, Array, Array] | None = None
+        R = s.correlation * line.covariance + self._map_noise
+        best: tuple[float, float, Array, Array] | None = None
         for k in np.flatnonzero(near).tolist():
-            a, sign = w.alpha.item(k), flipped.item(k)
-            H = np.array([[0.0, 0.0, -1.0], [-sign * cos(a), -sign * sin(a), 0.0]])
-            R = s.correlation * line.covariance
-            R = R + np.diag([radians(s.map_sigma_deg) ** 2, s.map_sigma_m**2])
+            sign = -1.0 if behind.item(k) else 1.0
+            H = np.array([[0.0, 0.0, -1.0], [-sign * w.cos.item(k), -sign * w.sin.item(k), 0.0]])
             S = H @ self.P @ H.T + R
-            v = np.array([turned.item(k), off.item(k)])
-            distance = float(v @ np.linalg.solve(S, v))
+            u, v = turned.item(k), off.item(k)
+            a, b, d = S.item(0), S.item(1), S.item(3)
+            distance = (d * u * u - 2.0 * b * u * v + a * v * v) / (a * d - b * b)
             if distance > CHI_SQUARE_99:
                 continue
             away = abs(expected.item(k))
             # of the two faces of a thin board the nearer one is seen
             if best is None or _is_better(distance, away, best[0], best[1]):
-                best = distance, away, H, R, v
+                best = distance, away, H, np.array([u, v])
         if best is None:
             return False
         self._nis += 0.1 * (0.5 * best[0] - self._nis)
-        self._blend(*best[2:])
+        self._blend(best[2], R, best[3])
         return True
 
     def _beside(self, line: Line) -> npt.NDArray[np.bool_]:
         """Which walls (M,) the middle of a line lies beside."""
         w = self.walls
         mx, my = self.pose.apply_point(*line.ends.mean(axis=0).tolist())
-        along = -mx * np.sin(w.alpha) + my * np.cos(w.alpha)
+        along = my * w.cos - mx * w.sin
         margin = self.settings.overlap * (w.end - w.start)
         return (along > w.start - margin) & (along < w.end + margin)
 
