@@ -1,7 +1,7 @@
 """The motion filter in the robot's axes."""
 
 from itertools import pairwise
-from math import cos, pi, sin
+from math import cos, exp, pi, sin
 
 import numpy as np
 import pytest
@@ -16,10 +16,12 @@ from followerd.estimation.motion_ekf import (
     MotionEkf,
     MotionEkfSettings,
     predicted,
+    sight_noise,
 )
 from followerd.geometry import Array, Pose2
 
 STANDING = MotionEkfSettings(odometry_speed_mps=0.0, odometry_turn_degps=0.0)
+STEADY = MotionEkfSettings(pace_s=1e5)
 START = np.array([2.0, 0.5, 0.9])
 
 
@@ -52,27 +54,43 @@ def test_a_prediction_moves_the_person_over_the_ground_and_the_robot_away(
 ) -> None:
     """The print rotates the position where it should rotate the velocity."""
     x, y, vx, vy = place
-    now = Estimate(np.array([x, y, 1.0, vx, vy]), np.eye(5))
-    later = predicted(now, 0.1, move, MotionEkfSettings())
+    now = Estimate(np.array([x, y, 1.0, vx, vy, 0.0, 0.0]), np.eye(7))
+    later = predicted(now, 0.1, move, STEADY)
     expected = (~move).apply_point(x + 0.1 * vx, y + 0.1 * vy)
-    assert later.x[:2] == pytest.approx(expected, abs=1e-9)
+    assert later.x[:2] == pytest.approx(expected, abs=1e-4)
     assert later.x[2] == 1.0
-    assert later.x[3:] == pytest.approx(Pose2(theta=-move.theta).apply_point(vx, vy), abs=1e-9)
+    turned = Pose2(theta=-move.theta).apply_point(vx, vy)
+    assert later.x[3:5] == pytest.approx(turned, abs=1e-4)
+
+
+def test_who_walks_a_bend_goes_on_in_it_and_slows_down_when_unseen() -> None:
+    now = Estimate(np.array([2.0, 0.0, 0.9, 0.8, 0.0, 0.0, 0.4]), np.eye(7))
+    half, whole = (predicted(now, dt, Pose2(), MotionEkfSettings()).x for dt in (0.5, 1.0))
+    assert 0.0 < half[4] < whole[4] < 0.4
+    assert 2.4 > half[0] > 2.3
+    assert 2.8 > whole[0] > 2.6
+
+
+def test_depth_errs_along_the_line_of_sight() -> None:
+    R = sight_noise(np.array([2.0, 2.0, 0.9]), 0.2, 0.03)
+    towards = np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)
+    assert towards @ R @ towards == pytest.approx(0.2**2)
+    assert np.linalg.eigvalsh(R) == pytest.approx([0.03**2, 0.03**2, 0.2**2])
 
 
 def test_control_noise_is_the_derivative_by_speed_and_turn_rate() -> None:
-    state = np.array([2.0, 0.7, 0.9, 0.4, -0.2])
+    state = np.array([2.0, 0.7, 0.9, 0.4, -0.2, 0.1, 0.3])
     dt, v, w, h = 0.1, 0.5, 0.8, 1e-5
 
     def after(speed: float, rate: float) -> Array:
         move = Pose2().moved(speed, rate, dt)
-        return predicted(Estimate(state, np.zeros((5, 5))), dt, move, STANDING).x
+        return predicted(Estimate(state, np.zeros((7, 7))), dt, move, STANDING).x
 
     by_speed = (after(v + h, w) - after(v - h, w)) / (2 * h)
     by_turn = (after(v, w + h) - after(v, w - h)) / (2 * h)
     noisy = MotionEkfSettings(odometry_speed_mps=0.3, odometry_turn_degps=20.0)
     move = Pose2().moved(v, w, dt)
-    zero = Estimate(state, np.zeros((5, 5)))
+    zero = Estimate(state, np.zeros((7, 7)))
     added = predicted(zero, dt, move, noisy).P - predicted(zero, dt, move, STANDING).P
     rate = np.radians(20.0)
     expected = 0.3**2 * np.outer(by_speed, by_speed) + rate**2 * np.outer(by_turn, by_turn)
@@ -83,11 +101,12 @@ def test_control_noise_is_the_derivative_by_speed_and_turn_rate() -> None:
 def test_it_is_filterpys_kalman_filter() -> None:
     found = looks()
     settings = MotionEkfSettings()
-    oracle = KalmanFilter(dim_x=5, dim_z=3)
-    oracle.x = np.array([*START, 0.0, 0.0])
+    oracle = KalmanFilter(dim_x=7, dim_z=3)
+    oracle.x = np.array([*START, 0.0, 0.0, 0.0, 0.0])
     oracle.x[:3] = found[0].z
-    oracle.P = np.diag([0.01, 0.01, 0.01, 1.0, 1.0])
-    oracle.H = np.eye(3, 5)
+    change = settings.accel_mps2**2
+    oracle.P = np.diag([0.01, 0.01, 0.01, 1.0, 1.0, change, change])
+    oracle.H = np.eye(3, 7)
     motion = MotionEkf(found[0], settings)
     for before, look in pairwise(found):
         assert before.ego is not None
@@ -95,12 +114,20 @@ def test_it_is_filterpys_kalman_filter() -> None:
         assert look.z is not None
         move = ~before.ego @ look.ego
         dt = look.stamp - before.stamp
-        blank = Estimate(oracle.x, np.zeros((5, 5)))
+        blank = Estimate(oracle.x, np.zeros((7, 7)))
         c, s = cos(move.theta), sin(move.theta)
         turn = np.array([[c, s], [-s, c]])
-        oracle.F = np.eye(5)
-        oracle.F[:2, :2] = oracle.F[3:, 3:] = turn
-        oracle.F[:2, 3:] = dt * turn
+        pace, bend = exp(-dt / settings.pace_s), exp(-dt / settings.bend_s)
+        still = np.eye(7)
+        still[:2, 3:5] = settings.pace_s * (1.0 - pace) * np.eye(2)
+        gain = settings.bend_s * (1.0 - bend)
+        still[:2, 5:] = settings.bend_s * (dt - gain) * np.eye(2)
+        still[3:5, 3:5], still[3:5, 5:] = pace * np.eye(2), gain * np.eye(2)
+        still[5:, 5:] = bend * np.eye(2)
+        rotation = np.zeros((7, 7))
+        rotation[:2, :2] = rotation[3:5, 3:5] = rotation[5:, 5:] = turn
+        rotation[2, 2] = 1.0
+        oracle.F = rotation @ still
         oracle.Q = predicted(blank, dt, move, settings).P
         oracle.predict()
         oracle.x[:2] -= turn @ (move.x, move.y)

@@ -11,7 +11,7 @@ from followerd.geometry import Array, Camera, Pose2
 from followerd.messages import Box, Image, Pixels, Scan, TrackPhase, TrackState
 from followerd.perception.cells import Buffers, CellHistograms
 from followerd.perception.colour_bins import COLOURS, GREYS, colour_bins
-from followerd.perception.depth_band import modes, person_mode
+from followerd.perception.depth_band import modes, person_mode, torso_depth
 from followerd.perception.depth_people import bodies
 from followerd.perception.patch_detector import DetectorSettings, Found, PatchDetector
 from followerd.perception.spot import BEHIND, Spot, in_base, in_image, row
@@ -141,6 +141,15 @@ def test_the_persons_mode_is_where_they_are_expected_not_the_nearest() -> None:
     assert person is not None
     assert person.depth == pytest.approx(2.5)
     assert person_mode(found, 3.2, 0.4) is None
+
+
+def test_the_torso_tells_the_depth_whatever_the_legs_do() -> None:
+    depth = np.full(SHAPE, 4.0, np.float32)
+    depth[40:200, 120:170], depth[120:200, 120:145] = 2.5, 2.3
+    box = Box(120, 40, 50, 160)
+    assert torso_depth(depth, box, 2.4) == pytest.approx(2.5)
+    depth[60:130, 100:190] = 1.8
+    assert torso_depth(depth, box, 2.5) is None
 
 
 def test_a_spot_is_the_same_place_in_the_image_and_in_base() -> None:

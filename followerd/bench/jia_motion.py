@@ -19,8 +19,8 @@ from followerd.sim.scenarios import Mover, Stop
 
 Filter = Literal["mekf", "no_ego_motion"]
 FILTERS: tuple[Filter, ...] = ("mekf", "no_ego_motion")
-# without odometry the robot's turning is the person's acceleration: 4 m/s² serve it best
-SETTINGS = {"mekf": MotionEkfSettings(), "no_ego_motion": MotionEkfSettings(accel_mps2=4.0)}
+# without odometry the robot's turning is the person's acceleration: 2 m/s² serve it best
+SETTINGS = {"mekf": MotionEkfSettings(), "no_ego_motion": MotionEkfSettings(accel_mps2=2.0)}
 
 PERIOD = 0.1  # s between looks
 LENGTH = 60.0  # s

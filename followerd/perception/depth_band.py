@@ -21,6 +21,8 @@ FARTHEST = 6.0  # m; a Kinect's depth says nothing beyond
 HALF_BAND = 0.25  # m, of a person about their mode
 BEFORE = 0.30  # m, what is that much nearer hides them
 LEAST_MASS = 0.15  # share of the box that makes a mode
+TORSO = (0.2, 0.5)  # rows of a person's box, shares of its height
+LEAST_TORSO = 0.25  # share of it that tells its depth
 STRIDE = 3  # px, every so many are looked at for the modes
 
 
@@ -54,6 +56,20 @@ def modes(depth: Depth, box: Box, least: float = LEAST_MASS) -> list[Mode]:
         inside = near[np.abs(near - middle) < HALF_BAND + 0.5 * BIN]
         found.append(Mode(float(np.median(inside)), float(inside.size / seen.size)))
     return found
+
+
+def torso_depth(depth: Depth, box: Box, middle: float, least: float = LEAST_TORSO) -> float | None:
+    """The depth of the chest and back inside a person's box, near `middle`, m; None where hidden.
+
+    Legs swing and arms hang: the torso alone keeps its distance from the body's axis.
+    """
+    height = box.h * (TORSO[1] - TORSO[0])
+    chest = Box(box.x + 0.25 * box.w, box.y + TORSO[0] * box.h, 0.5 * box.w, height)
+    rows, columns = crop(chest, depth.shape[1], depth.shape[0])
+    seen = depth[rows, columns][::STRIDE, ::STRIDE].ravel()
+    with np.errstate(invalid="ignore"):
+        near = seen[np.abs(seen - np.float32(middle)) < HALF_BAND]
+    return float(np.median(near)) if near.size and near.size > least * seen.size else None
 
 
 def _peaks(mass: Array, least: float) -> list[int]:

@@ -16,7 +16,7 @@ from followerd.errors import UsageError
 from followerd.geometry import Array
 from followerd.messages import Box, Image
 from followerd.perception.cells import Buffers
-from followerd.perception.depth_band import Band, Depth, Mode, crop, modes, person_mode
+from followerd.perception.depth_band import Band, Depth, Mode, crop, modes, person_mode, torso_depth
 from followerd.perception.depth_people import bodies
 from followerd.perception.patches import (
     PatchModel,
@@ -148,7 +148,8 @@ class PatchDetector:
             if mode is None:
                 depth = None
             else:
-                middle = mode.depth
+                body = self.box(replace(expected, depth=mode.depth), image)
+                middle = torso_depth(depth, body, mode.depth) or mode.depth
         boxes = self._candidates(image, replace(expected, depth=middle), reach, rng)
         shown = self._shown(image, depth, middle, boxes)
         if shown is None:
@@ -188,7 +189,8 @@ class PatchDetector:
             if away > reach:
                 continue
             looked += 1
-            boxes = self._around(image, spot)
+            middle = torso_depth(depth, self.box(spot, image), middle) or middle
+            boxes = self._around(image, replace(spot, depth=middle))
             shown = self._shown(image, depth, middle, boxes)
             if shown is None:
                 continue

@@ -1,7 +1,7 @@
 """The whole person, of whom a part was shown: a click, the legs, a box cut off by the image."""
 
 from followerd.messages import Box, Image
-from followerd.perception.depth_band import Depth, modes
+from followerd.perception.depth_band import Depth, modes, torso_depth
 from followerd.perception.depth_people import outline
 from followerd.perception.region import region_of
 from followerd.perception.spot import row
@@ -28,6 +28,7 @@ def whole(
     if depth is not None and (found := modes(depth, box)):
         middle = found[0].depth
         box = outline(depth, box, middle, camera)  # legs alone may have been shown
+        middle = torso_depth(depth, box, middle) or middle
     elif box.y > EDGE and box.y + box.h < image.pixels.shape[0] - EDGE:
         middle = TALL * camera.fy / box.h
     else:

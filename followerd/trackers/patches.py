@@ -12,7 +12,13 @@ import numpy as np
 from pydantic import Field
 
 from followerd.errors import UsageError
-from followerd.estimation.motion_ekf import Estimate, Look, MotionEkf, MotionEkfSettings
+from followerd.estimation.motion_ekf import (
+    Estimate,
+    Look,
+    MotionEkf,
+    MotionEkfSettings,
+    sight_noise,
+)
 from followerd.geometry import Array, Pose2
 from followerd.messages import Box, Image, Odometry, Place, Scan, TrackPhase, TrackState
 from followerd.perception.patch_detector import DetectorSettings, Found, PatchDetector, Sight
@@ -140,13 +146,7 @@ class Patches:
     def _by_size(self, place: Array) -> Array:
         """Covariance (3, 3) of a place whose distance the size has told."""
         away = hypot(place[0], place[1])
-        c, s = place[0] / away, place[1] / away
-        turn = np.array([[c, -s], [s, c]])
-        noise = np.zeros((3, 3))
-        aside = self.settings.motion.aside_sigma_m
-        noise[:2, :2] = turn @ np.diag([(SIZE_ERROR * away) ** 2, aside**2]) @ turn.T
-        noise[2, 2] = aside**2
-        return noise
+        return sight_noise(place, SIZE_ERROR * away, self.settings.motion.aside_sigma_m)
 
     def _search(self, image: Image, ego: Pose2 | None, unseen: float) -> Sight | None:
         """Look for the person among all bodies, near where they were seen last.
@@ -210,7 +210,7 @@ def _in_odom(state: TrackState, estimate: Estimate, ego: Pose2) -> TrackState:
     """The state with position, velocity and their covariance in `odom`."""
     c, s = cos(ego.theta), sin(ego.theta)
     turn = np.kron(np.eye(2), np.array([[c, -s], [s, c]]))
-    x, y, _, vx, vy = estimate.x.tolist()
+    x, y, _, vx, vy = estimate.x[:5].tolist()
     plane = [0, 1, 3, 4]
     return replace(
         state,
