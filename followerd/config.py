@@ -8,7 +8,7 @@ from pathlib import Path
 from types import NoneType
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, ValidationInfo, create_model
+from pydantic import AfterValidator, Field, ValidationInfo, create_model, model_validator
 
 from followerd import yaml
 from followerd.control.registry import CONTROLLERS
@@ -56,11 +56,14 @@ def _from_the_config(path: str, info: ValidationInfo) -> str:
     return path if path == SIM else str((info.context or {}).get("folder", Path()) / path)
 
 
+ConfigPath = Annotated[str, AfterValidator(_from_the_config)]
+
+
 class LocalizerSection(Settings):
     """Where the robot is on a map: which way to find out, and which map."""
 
     kind: str
-    map: Annotated[str, AfterValidator(_from_the_config)] = Field(
+    map: ConfigPath = Field(
         description="a map in ROS's form, a floor plan of segments, or sim for the scenario's"
     )
     start_pose: PoseSection | None = Field(
@@ -92,9 +95,15 @@ class WebSection(Settings):
     port: int = Field(8080, ge=0, le=65535)
     names: tuple[str, ...] = Field((), description="further host names of this robot")
     token: str | None = Field(None, min_length=16, description="default: a new one at each start")
-    certificate: str | None = Field(None, description="TLS certificate file (PEM)")
-    key: str | None = Field(None, description="its key file")
+    certificate: ConfigPath | None = Field(None, description="TLS certificate file (PEM)")
+    key: ConfigPath | None = Field(None, description="its key file, if it is not in the same")
     jpeg_quality: int = Field(75, ge=1, le=100)
+
+    @model_validator(mode="after")
+    def _is_encrypted_or_not(self) -> "WebSection":
+        if self.key is not None and self.certificate is None:
+            raise ValueError("web.key needs web.certificate: without one nothing is encrypted")
+        return self
 
 
 class Config(Settings):

@@ -52,6 +52,7 @@ class Image:
     pixels: Pixels  # (H, W, 3) BGR or (H, W) grey or thermal
     camera: Camera
     depth: npt.NDArray[np.float32] | None = None  # (H, W) m along the axis, nan = unknown
+    jpeg: bytes | None = None  # as the camera sent it, before its lens was undone; None = raw
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -128,6 +128,7 @@ def test_the_newest_frame_wins_and_the_kernels_numbers_tell_what_was_lost() -> N
     kernel.shots = [shot(10, 7), shot(20, 8), shot(30, 9)]
     first = device.grab()
     assert (first.id, round(first.pixels.mean())) == (0, 30)
+    assert first.jpeg == jpeg(30)  # to be recorded as it came
     assert sorted(kernel.queued) == [0, 1, 2, 3]  # every buffer went back
     kernel.shots = [shot(40, 14)]
     assert device.grab().id == 5

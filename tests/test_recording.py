@@ -10,6 +10,7 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -23,6 +24,7 @@ from followerd.config import Config
 from followerd.control.mode import Action
 from followerd.errors import UsageError
 from followerd.geometry import Camera, Pose2
+from followerd.hw.camera.calibration import Calibration, Lens
 from followerd.messages import (
     Box,
     Fault,
@@ -38,13 +40,14 @@ from followerd.messages import (
 from followerd.pipeline import Event, Operator, Tick, Tracked
 from followerd.record.codec import plain, restored
 from followerd.record.journal import Dropped, Enrolled, Entry, Looked, Taken
-from followerd.record.reading import Decided, Heard, Numbered, Recording
+from followerd.record.reading import LENS, Decided, Heard, Numbered, Recording
 from followerd.record.recorder import Recorder
 from followerd.record.recovery import recover
 from followerd.record.replay import Replay
 from followerd.record.settings import RecordSettings
 from followerd.record.tape import Tape
 from followerd.runtime.recording import Recording as Switch
+from followerd.runtime.recording import described
 
 CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
 any_float = st.floats(allow_nan=False)
@@ -113,6 +116,32 @@ def test_exact_images_come_back_to_the_bit(tmp_path: Path) -> None:
     for number, again in enumerate(found):
         assert plain(again) == plain(image(number))
     assert len(found) == 3
+
+
+@pytest.mark.parametrize("bent", [False, True])
+def test_a_cameras_own_jpeg_is_kept_and_shown_as_it_was(bent: bool, tmp_path: Path) -> None:
+    lens = Calibration(
+        width=64, height=48, fx=60, fy=60, cx=32, cy=24, distortion=(-0.2, 0.05, 0, 0, 0)
+    )
+    own = bytes(cv2.imencode(".jpg", image(1).pixels)[1])
+    sent = cv2.imdecode(np.frombuffer(own, np.uint8), cv2.IMREAD_COLOR)
+    assert sent is not None
+    pixels = np.asarray(sent, np.uint8)
+    if bent:
+        pixels = Lens(lens).straight(pixels)
+    seen = Image(1, 0.1, 0.13, pixels, CAMERA, jpeg=own)
+    about = {LENS: lens.model_dump_json()} if bent else {}
+    tape = Tape(tmp_path / "a.mcap", RecordSettings(images="exact"), about, 0.0)
+    tape.image(seen)
+    tape.image(image(2))  # and raw, where the camera does not say it so
+    tape.close()
+    found = [record for record in Recording(tmp_path / "a.mcap") if isinstance(record, Image)]
+    assert [plain(each) for each in found] == [plain(seen), plain(image(2))]
+
+
+def test_a_recording_tells_no_secrets() -> None:
+    settings = config.load("hpf-sim", {"web.token": "a-long-secret-word", "web.host": "0.0.0.0"})
+    assert "secret" not in str(described(settings))
 
 
 def run(path: Path, duration: float, *, record: RecordSettings, tracker: str = "hpf") -> Config:

@@ -2,20 +2,26 @@
 
 import asyncio
 import json
+import ssl
+import subprocess
 from contextlib import suppress
+from shutil import which
 from typing import Any
 
 import aiohttp
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from followerd import clock
 from followerd.config import WebSection
-from followerd.errors import UsageError
+from followerd.errors import DeviceError, UsageError
 from followerd.messages import Mode
-from followerd.web.access import Access, Command
+from followerd.web.access import COOKIE, Access, Command
 from followerd.web.requests import parse
+from followerd.web.server import encryption
+from tests.page_fuzz import fuzz
 from tests.web_page import Served, opened, served
 
 GOOD = [
@@ -125,6 +131,48 @@ async def test_elsewhere_than_on_loopback_a_token_is_asked_for() -> None:
                 assert answer.status == status
 
 
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
+    """A certificate for this computer, made for the purpose, and its key."""
+    if which("openssl") is None:
+        pytest.skip("no openssl here to make a certificate with")
+    folder = tmp_path_factory.mktemp("tls")
+    certificate, key = str(folder / "cert.pem"), str(folder / "key.pem")
+    make = "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 2"
+    names = ["-subj", "/CN=robot", "-addext", "subjectAltName=IP:127.0.0.1"]
+    command = [*make.split(), *names, "-keyout", key, "-out", certificate]
+    subprocess.run(command, check=True, capture_output=True)
+    return certificate, key
+
+
+async def test_with_a_certificate_page_and_socket_are_encrypted(pair: tuple[str, str]) -> None:
+    trusting = ssl.create_default_context(cafile=pair[0])
+    async with (
+        served(certificate=pair[0], key=pair[1]) as here,
+        aiohttp.ClientSession(connector=aiohttp.TCPConnector(ssl=trusting)) as session,
+    ):
+        assert here.address.startswith("https://127.0.0.1:")
+        async with session.post(f"{here.address}session", headers=here.origin) as answer:
+            assert answer.status == 204
+            cookie = answer.cookies[COOKIE]
+        assert cookie["secure"]
+        assert cookie["httponly"]
+        assert cookie["samesite"] == "Strict"
+        known = here.origin | {"Cookie": f"{COOKIE}={cookie.value}"}
+        async with session.ws_connect(f"{here.address}ws", headers=known) as socket:
+            assert "state" in await socket.receive_json()
+        with pytest.raises(aiohttp.ClientError):
+            await session.get(here.address.replace("https", "http"))
+
+
+async def test_files_that_are_no_certificate_are_named(pair: tuple[str, str]) -> None:
+    for certificate, key in (("/nowhere.pem", None), (pair[1], None), (pair[0], pair[0])):
+        with pytest.raises(DeviceError, match="PEM files of a pair"):
+            encryption(WebSection(certificate=certificate, key=key))
+    with pytest.raises(ValueError, match="nothing is encrypted"):
+        WebSection(key=pair[1])
+
+
 async def test_metrics_and_health_are_served() -> None:
     async with served() as here, aiohttp.ClientSession() as session:
         await clock.sleep(0.9)
@@ -160,6 +208,15 @@ async def test_nonsense_is_answered_and_in_the_end_thrown_out() -> None:
         while (message := await talk.socket.receive(5.0)).type is not aiohttp.WSMsgType.CLOSE:
             assert message.type in (aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY)
         assert doing(here) == (Mode.DISARMED, True)
+
+
+@pytest.mark.slow
+@pytest.mark.realtime
+async def test_a_hundred_thousand_odd_messages_neither_crash_nor_command() -> None:
+    async with served() as here:
+        await clock.sleep(1.0)
+        outcome = await fuzz(here, np.random.default_rng(), 97_000, 2000, 1000)
+    assert outcome.counts["refused"] > 80_000
 
 
 @pytest.mark.slow

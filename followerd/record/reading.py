@@ -17,6 +17,9 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from followerd.errors import UsageError
 from followerd.geometry import Camera
+from followerd.hw.camera.calibration import Calibration, Lens
+from followerd.hw.camera.pixels import decode
+from followerd.hw.camera.tone import Tone
 from followerd.messages import Image, Pixels
 from followerd.record import schemas
 from followerd.record.codec import restored
@@ -33,6 +36,9 @@ BROKEN = (
     UnicodeDecodeError,
     OverflowError,
 )
+
+
+LENS = "lens"  # calibration by which the images were made straight, if they were
 
 
 class Numbered(NamedTuple):
@@ -74,6 +80,9 @@ class Recording:
         if not self.path.is_file():
             raise UsageError(f"{self.path}: no such recording")
         self.about = _about(self.path)
+        self._lens: Lens | None = None
+        if LENS in self.about:
+            self._lens = Lens(Calibration.model_validate_json(self.about[LENS]))
 
     @property
     def parts(self) -> list[Path]:
@@ -89,7 +98,7 @@ class Recording:
             yield from self._records(path)
 
     def _records(self, path: Path) -> Iterator[Record]:
-        reading = _Reading()
+        reading = _Reading(self._lens)
         for record in self._raw(path):
             if isinstance(record, Schema):
                 reading.schemas[record.id] = record
@@ -111,11 +120,13 @@ class Recording:
 class _Reading:
     """What one pass over a file remembers."""
 
-    def __init__(self) -> None:
+    def __init__(self, lens: Lens | None) -> None:
+        self._lens = lens
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
         self._decoders = DecoderFactory()
         self._pixels: Pixels | None = None
+        self._jpeg: bytes | None = None
         self._depth: Any = None
 
     def item(self, message: Message) -> Record | None:
@@ -153,16 +164,31 @@ class _Reading:
             depth = (3,) if picture.encoding == "bgr8" else ()
             self._pixels = data.reshape(picture.height, picture.width, *depth)
         else:
-            decoded = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
-            self._pixels = None if decoded is None else decoded.astype(np.uint8, copy=False)
+            self._jpeg = picture.data
 
     def _image(self, frame: dict[str, Any]) -> Image | None:
+        camera = restored(Camera, frame["camera"])
         pixels, self._pixels = self._pixels, None
         depth, self._depth = self._depth, None
+        jpeg, self._jpeg = self._jpeg, None
+        own = bool(frame.get("mjpg"))
+        if jpeg is not None:
+            pixels = self._as_it_was(jpeg, camera) if own else _decoded(jpeg)
         if pixels is None:
             return None
-        camera = restored(Camera, frame["camera"])
-        return Image(frame["id"], frame["stamp"], frame["received"], pixels, camera, depth)
+        seen = frame["id"], frame["stamp"], frame["received"], pixels, camera, depth
+        return Image(*seen, jpeg if own else None)
+
+    def _as_it_was(self, jpeg: bytes, camera: Camera) -> Pixels | None:
+        """The camera's own picture, as the driver made it."""
+        size = camera.width, camera.height
+        pixels = decode("MJPG", memoryview(jpeg), size, 0, Tone())
+        return pixels if pixels is None or self._lens is None else self._lens.straight(pixels)
+
+
+def _decoded(jpeg: bytes) -> Pixels | None:
+    found = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_UNCHANGED)
+    return None if found is None else np.asarray(found, np.uint8)
 
 
 def _about(path: Path) -> dict[str, str]:

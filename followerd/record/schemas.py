@@ -46,15 +46,15 @@ class Channels:
     log: LogChannel
 
 
-def channels(context: Context, *, exact: bool) -> Channels:
-    """All channels; a topic carries raw or compressed images, never both."""
+def channels(context: Context) -> Channels:
+    """All channels; what a camera sends decides whether images are raw or compressed."""
     said = partial(_json_channel, context)
     return Channels(
         said(JOURNAL, "followerd.Journal", _journal_schema()),
         said(DECISION, "followerd.Decision", _object("sequence", "stamp", "mode", "reasons")),
         said(FRAME, "followerd.Frame", _object("id", "stamp", "received", "camera")),
-        CompressedImageChannel(IMAGE if not exact else "/camera/preview", context=context),
-        RawImageChannel(IMAGE if exact else "/camera/raw", context=context),
+        CompressedImageChannel(IMAGE, context=context),
+        RawImageChannel(IMAGE, context=context),
         RawImageChannel(DEPTH, context=context),
         LaserScanChannel("/laser/scan", context=context),
         FrameTransformsChannel("/tf", context=context),

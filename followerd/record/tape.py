@@ -53,7 +53,7 @@ class Tape:
         self.about = {key: str(value) for key, value in about.items()}
         self._epoch = epoch
         self._context = Context()
-        self._channels = schemas.channels(self._context, exact=settings.images == "exact")
+        self._channels = schemas.channels(self._context)
         self._bytes: dict[str, Channel] = {}
         self._files = 0
         self._writer: MCAPWriter | None = None
@@ -73,11 +73,11 @@ class Tape:
     def image(self, image: Image) -> None:
         """An image, and what belongs to it."""
         at = self._time(image.stamp)
-        if self.settings.images == "exact":
+        is_exact, jpeg = self.settings.images == "exact", image.jpeg
+        if is_exact and jpeg is None:
             self._channels.raw.log(_raw(image, at), log_time=self._ns(image.received))
-        elif self.settings.images == "jpeg":
-            quality = [cv2.IMWRITE_JPEG_QUALITY, self.settings.jpeg_quality]
-            data = cv2.imencode(".jpg", image.pixels, quality)[1].tobytes()
+        elif self.settings.images != "none":
+            data = jpeg if is_exact and jpeg is not None else self._compressed(image)
             picture = CompressedImage(timestamp=at, frame_id="camera", data=data, format="jpeg")
             self._channels.jpeg.log(picture, log_time=self._ns(image.received))
         if image.depth is not None and self.settings.images != "none":
@@ -88,6 +88,7 @@ class Tape:
             "received": image.received,
             "camera": plain(image.camera),
             "depth": image.depth is not None,
+            "mjpg": is_exact and jpeg is not None,
         }
         self._log(self._channels.frame, frame, image.received)
 
@@ -137,6 +138,10 @@ class Tape:
         if self._server is not None:
             self._server.stop()
             self._server = None
+
+    def _compressed(self, image: Image) -> bytes:
+        quality = [cv2.IMWRITE_JPEG_QUALITY, self.settings.jpeg_quality]
+        return bytes(cv2.imencode(".jpg", image.pixels, quality)[1])
 
     def _scan(self, scan: Scan) -> None:
         turn = scan.angle_increment * max(0, scan.ranges.size - 1)

@@ -14,6 +14,8 @@ import yaml
 from followerd import __version__, clock
 from followerd.config import Config
 from followerd.errors import UsageError
+from followerd.hw.camera.calibration import Calibration
+from followerd.record.reading import LENS
 from followerd.record.recorder import Recorder
 from followerd.record.tape import Tape
 from followerd.runtime.daemon import Daemon
@@ -71,12 +73,16 @@ class Recording:
 
 def described(config: Config) -> dict[str, str]:
     """What a replay must know of the program and its config."""
+    dumped = config.model_dump(mode="json", exclude={"web": {"token"}})
+    lens: Calibration | None = getattr(config.camera, "calibration", None)
+    bent = lens is not None and any(lens.distortion)
     return {
-        "config": yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False),
+        "config": yaml.safe_dump(dumped, sort_keys=False),
         "followerd": __version__,
         "python": platform.python_version(),
         "machine": platform.machine(),
         "images": config.record.images,
+        **({LENS: lens.model_dump_json()} if lens is not None and bent else {}),
         **{name: version(name) for name in LIBRARIES},
     }
 

@@ -1,6 +1,7 @@
 """The operator's page: a small web server in the daemon's loop."""
 
 import asyncio
+import logging
 import ssl
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import structlog
 from aiohttp import web
+from aiohttp.http_exceptions import HttpProcessingError
 from prometheus_client.exposition import CONTENT_TYPE_LATEST, generate_latest
 
 from followerd import app, clock
@@ -71,18 +73,23 @@ class Page:
     async def run(self) -> None:
         """Serve until cancelled. Raises DeviceError when the port is taken."""
         site = web.Application(middlewares=[self._guarded], client_max_size=LONGEST)
-        site.add_routes(
-            [
-                web.get("/", _file("index.html")),
-                web.get("/ws", self._socket),
-                web.get("/scene", self._scene),
-                web.get("/metrics", self._metrics),
-                web.get("/healthz", self._health),
-                web.post("/session", self._login),
-                *[web.get(f"/{path.name}", _file(path.name)) for path in STATIC.iterdir()],
-            ]
+        handlers = {
+            "/": _file("index.html"),
+            "/ws": self._socket,
+            "/scene": self._scene,
+            "/metrics": self._metrics,
+            "/healthz": self._health,
+            **{f"/{path.name}": _file(path.name) for path in STATIC.iterdir()},
+        }
+        routes = [web.get(path, handler) for path, handler in handlers.items()]
+        routes += [web.post("/session", self._login), web.route("*", "/{rest:.*}", _nothing)]
+        for route in routes:
+            site.router.add_route(
+                route.method, route.path, route.handler, expect_handler=_unexpected
+            )
+        runner = web.AppRunner(
+            site, access_log=None, logger=_errors(), handle_signals=False, shutdown_timeout=0.5
         )
-        runner = web.AppRunner(site, access_log=None, handle_signals=False, shutdown_timeout=0.5)
         await runner.setup()
         self.hub.attach()
         try:
@@ -100,7 +107,7 @@ class Page:
 
     async def _listen(self, runner: web.AppRunner) -> None:
         s = self.settings
-        site = web.TCPSite(runner, s.host, s.port, ssl_context=_tls(s))
+        site = web.TCPSite(runner, s.host, s.port, ssl_context=encryption(s))
         try:
             await site.start()
         except OSError as error:
@@ -121,6 +128,9 @@ class Page:
             return web.json_response({"error": refused}, status=403, headers=HEADERS)
         try:
             response = await handler(request)
+        except web.RequestPayloadError as error:
+            text = {"error": str(error)}
+            return web.json_response(text, status=400, headers=HEADERS)
         except web.HTTPException as error:
             text = {"error": error.reason}
             return web.json_response(text, status=error.status, headers=HEADERS)
@@ -130,7 +140,8 @@ class Page:
 
     async def _login(self, request: web.Request) -> web.StreamResponse:
         """A session; the body is the token."""
-        session = self.access.login(await request.text(), clock.now())
+        token = (await request.read()).decode(errors="replace")
+        session = self.access.login(token, clock.now())
         if session is None:
             return web.json_response({"error": "wrong token"}, status=401)
         response = web.Response(status=204)
@@ -184,8 +195,30 @@ def _file(name: str) -> Handler:
     return send
 
 
-def _tls(settings: WebSection) -> ssl.SSLContext | None:
-    """Raises DeviceError when the files cannot be used."""
+def _errors() -> logging.Logger:
+    """Where our own errors are told: what others send that is no HTTP must not fill the journal."""
+    logger = logging.getLogger("followerd.http")
+    logger.addFilter(_is_ours)
+    return logger
+
+
+def _is_ours(record: logging.LogRecord) -> bool:
+    error = record.exc_info[1] if record.exc_info else None
+    theirs = HttpProcessingError | web.RequestPayloadError | ConnectionError
+    return not isinstance(error, theirs)
+
+
+async def _nothing(_request: web.Request) -> web.StreamResponse:
+    raise web.HTTPNotFound
+
+
+async def _unexpected(_request: web.Request) -> None:
+    """No page of ours asks whether it may go on; aiohttp's own answer fails on odd characters."""
+    raise web.HTTPExpectationFailed
+
+
+def encryption(settings: WebSection) -> ssl.SSLContext | None:
+    """The TLS of the settings, None without; raises DeviceError when its files cannot be used."""
     if settings.certificate is None:
         return None
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)

@@ -58,7 +58,7 @@ class CameraDriver:
             self.dropped += frame.id - self._last - 1
         self._last = frame.id
         pixels = self._toned(frame.pixels)
-        return Image(frame.id, frame.stamp, now, pixels, self._camera, frame.depth)
+        return Image(frame.id, frame.stamp, now, pixels, self._camera, frame.depth, frame.jpeg)
 
     def _toned(self, pixels: Pixels) -> Pixels:
         """Colour is what trackers expect of a camera; a thermal one gives grey."""

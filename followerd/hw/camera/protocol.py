@@ -44,6 +44,7 @@ class Frame(NamedTuple):
     stamp: float  # s, middle of the exposure
     pixels: npt.NDArray[np.uint8]  # (H, W, 3) BGR or (H, W)
     depth: npt.NDArray[np.float32] | None = None  # (H, W) m, nan = unknown
+    jpeg: bytes | None = None  # what `pixels` were decoded from, where the camera sends MJPG
 
 
 @dataclass(frozen=True, slots=True)

@@ -235,14 +235,17 @@ class V4l2Device:
             return None
         size = self._settings.width, self._settings.height
         data = self._memory[newest.index][: newest.bytesused]
-        pixels = None
+        pixels, jpeg = None, None
+        if self._kind == "MJPG" and not self._is_interlaced:
+            jpeg = bytes(data)
         if not newest.flags & v4l2.BUF_FLAG_ERROR:
             pixels = decode(self._kind, data, size, self._stride, self._tone)
         number, stamp = self._number(newest), self._stamp(newest, arrived)
         self._ioctl(v4l2.VIDIOC_QBUF, newest)
         if pixels is None:
             return None
-        return Frame(number, stamp, top_field(pixels) if self._is_interlaced else pixels)
+        shown = top_field(pixels) if self._is_interlaced else pixels
+        return Frame(number, stamp, shown, jpeg=jpeg)
 
     def _filled(self) -> v4l2.Buffer | None:
         buffer = self._buffer(0)
