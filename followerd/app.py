@@ -21,7 +21,13 @@ from followerd.geometry import Pose2
 from followerd.hw.camera.settings import CameraSettings
 from followerd.hw.camera.source import FrameSource
 from followerd.hw.interfaces import Base, PanTilt, Sensor
-from followerd.hw.lms200.settings import Lms200Settings, delivered_period, oldest, stale_after
+from followerd.hw.lms200.settings import (
+    Lms200Settings,
+    delivered_period,
+    oldest,
+    stale_after,
+    under_way,
+)
 from followerd.hw.p2os.writer import HALT
 from followerd.hw.registry import DRIVERS
 from followerd.hw.serial import open_link
@@ -218,17 +224,19 @@ def pipeline_settings(config: Config) -> PipelineSettings:
     Raises ConfigError when the laser is too slow to drive by.
     """
     laser, settings = _laser(config), config.pipeline
-    limit, most = stale_after(laser), STREAMS["scan"].stale_after
-    if limit > most:
+    limit, more, most = stale_after(laser), under_way(laser), STREAMS["scan"].stale_after
+    if limit + more > most:
         raise ConfigError(
             f"laser: {laser.variant.count} values at {laser.baud} baud come every"
             f" {delivered_period(laser):.2f} s, too slow to drive by;"
             " use resolution_deg: 1, field_deg: 100 or a higher baud"
         )
     limits = {"scan": limit, **settings.stale_after_s}
+    longer = {"scan": more, **settings.under_way_s}
     reaction = max(settings.guard.reaction_s, oldest(laser) + DRIVE_LAG)
     guard = settings.guard.model_copy(update={"reaction_s": reaction})
-    return settings.model_copy(update={"stale_after_s": limits, "guard": guard})
+    known = {"stale_after_s": limits, "under_way_s": longer, "guard": guard}
+    return settings.model_copy(update=known)
 
 
 def floor_of(config: Config) -> FloorMap | None:

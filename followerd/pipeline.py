@@ -6,7 +6,7 @@ from math import hypot, inf
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field, PositiveFloat
+from pydantic import Field, NonNegativeFloat, PositiveFloat
 
 from followerd.control.freshness import Freshness, StreamName
 from followerd.control.guard import Guard, Situation
@@ -81,11 +81,18 @@ class Late:
 
 
 @dataclass(frozen=True, slots=True)
+class Coming:
+    """The first bytes of a stream's next measurement are here."""
+
+    stream: str
+
+
+@dataclass(frozen=True, slots=True)
 class Tick:
     """Time has passed."""
 
 
-Event = Scan | Odometry | Tracked | Operator | Presence | Hand | Late | Fault | Tick
+Event = Scan | Odometry | Tracked | Operator | Presence | Hand | Late | Fault | Coming | Tick
 SEEN = (TrackPhase.TENTATIVE, TrackPhase.CONFIRMED)
 CAMERA = "camera"  # a device that only shows, where the tracker needs no images
 JUMP = 0.5  # m, between two scans: who thinks on the map stops
@@ -104,6 +111,9 @@ class PipelineSettings(Settings):
     mapped_m: float = Field(0.1, gt=0, le=0.12, description="returns so near a mapped wall are it")
     mapped_sigma_m: float = Field(0.08, gt=0, le=0.1, description="while the pose is known so well")
     stale_after_s: dict[StreamName, PositiveFloat] = Field(default_factory=dict)
+    under_way_s: dict[StreamName, NonNegativeFloat] = Field(
+        default_factory=dict, description="so much older while the next one is seen to come"
+    )
 
 
 class Pipeline:
@@ -128,7 +138,9 @@ class Pipeline:
         self._walls: Array = np.empty((0, 2, 2)) if walls is None else walls
         self.pose: RobotPose | None = None  # of the newest scan
         self._by_map = "pose" in needs
-        self.freshness = Freshness(settings.stale_after_s, DRIVEN_BY.union(needs))
+        self.freshness = Freshness(
+            settings.stale_after_s, DRIVEN_BY.union(needs), settings.under_way_s
+        )
         self.ego_motion = EgoMotion(settings.ego_motion)
         self.association = Association(settings.association)
         self.foresight = Foresight(settings.foresight, rng or np.random.default_rng(0))
@@ -203,6 +215,8 @@ class Pipeline:
             self.modes.present(event.session, now, here=event.here)
         elif isinstance(event, Late):
             self.modes.late(event.seconds, now)
+        elif isinstance(event, Coming):
+            self.freshness.coming(event.stream)
         elif isinstance(event, Hand):
             self.modes.drive(event.wanted, event.session, now)
         return ""

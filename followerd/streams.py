@@ -21,10 +21,11 @@ class Stream:
     stale_after: float  # s since it was measured, at most; the app lowers it to the device's rate
     on_stale: OnStale
     reason: StopReason
+    under_way: float = 0.0  # s that it may be older while the next one is seen to come
 
 
 STREAMS = {
     "scan": Stream(Scan, 0.40, OnStale.STOP, StopReason.SCAN_STALE),
     "image": Stream(Image, 0.30, OnStale.STOP, StopReason.IMAGE_STALE),
-    "odometry": Stream(Odometry, 0.35, OnStale.DISARM, StopReason.ODOMETRY_STALE),
+    "odometry": Stream(Odometry, 0.32, OnStale.DISARM, StopReason.ODOMETRY_STALE, 0.09),
 }

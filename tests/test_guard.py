@@ -31,6 +31,7 @@ from followerd.perception.clusters import ClusterSettings, find_clusters
 from followerd.streams import STREAMS
 
 NOW = 100.0
+VALID = GuardSettings().valid_s
 GO = Permission(move=True, max_speed=inf)
 ANGLES = np.radians(np.arange(-90, 91))
 REAR = tuple(Sonar(8 + k, Pose2(-0.2, 0.0, radians(120 + 15 * k)), 3.0) for k in range(8))
@@ -300,8 +301,9 @@ def test_ageing_data_slow_the_robot_before_they_stop_it(name: str) -> None:
 # --- the command's life
 
 
-def test_a_command_lives_a_quarter_second_at_most() -> None:
-    assert bench().check(Twist(0.4, 0.0)).expires == pytest.approx(NOW + 0.25)
+def test_a_command_lives_less_than_a_quarter_second() -> None:
+    """The rest of F1's 0.25 s is for the bytes of a stop at 9600 baud."""
+    assert bench().check(Twist(0.4, 0.0)).expires == pytest.approx(NOW + VALID)
 
 
 @pytest.mark.parametrize("name", list(STREAMS))
@@ -309,7 +311,7 @@ def test_a_command_dies_with_the_data_it_stands_on(name: str) -> None:
     b = bench()
     b.freshness.newest[name] = NOW - 0.2
     command = b.check(Twist(0.2, 0.0))
-    assert command.expires == pytest.approx(min(NOW + 0.25, NOW - 0.2 + STREAMS[name].stale_after))
+    assert command.expires == pytest.approx(min(NOW + VALID, NOW - 0.2 + STREAMS[name].stale_after))
 
 
 # --- the target
@@ -667,7 +669,7 @@ def test_a_turn_by_an_angle_that_would_touch_goes_on_only_as_slowly_as_it_can_st
 
 # --- properties
 
-SCAN_LIMIT = STREAMS["scan"].stale_after
+SCAN_LIMIT, BASE_LIMIT = STREAMS["scan"].stale_after, STREAMS["odometry"].stale_after
 
 
 numbers = st.floats(allow_nan=True, allow_infinity=True, width=32)
@@ -689,7 +691,7 @@ def test_whatever_comes_in_what_goes_out_is_within_all_bounds(
     b.situation = replace(b.situation, target=target, permission=Permission(True, cap))
     b.freshness.newest.update(scan=NOW - scan, image=NOW - image, odometry=NOW - base)
     command = b.guard.check(wish, b.situation, NOW)
-    stale = scan > SCAN_LIMIT or image > 0.3 or base > 0.35
+    stale = scan > SCAN_LIMIT or image > 0.3 or base > BASE_LIMIT
     if command.motion is None:
         assert command.reasons or command.expires == NOW
         return
@@ -701,8 +703,8 @@ def test_whatever_comes_in_what_goes_out_is_within_all_bounds(
     assert -0.15 <= got.v <= 0.7 + 1e-9
     assert got.v == 0.0 or abs(got.v) <= cap
     assert abs(got.omega) <= radians(57.0) + 1e-9
-    assert NOW <= command.expires <= NOW + 0.25
-    assert command.expires <= NOW - max(scan - SCAN_LIMIT, image - 0.3, base - 0.35) + 1e-9
+    assert NOW <= command.expires <= NOW + VALID
+    assert command.expires <= NOW - max(scan - SCAN_LIMIT, image - 0.3, base - BASE_LIMIT) + 1e-9
     if got.v > 0:
         assert target is not None
         assert hypot(*target) >= 1.0

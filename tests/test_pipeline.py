@@ -403,7 +403,7 @@ def test_a_scan_from_an_unknown_place_does_not_drive() -> None:
 
 def test_a_config_lowers_age_limits_and_never_raises_them() -> None:
     fresh = Freshness({"scan": 0.2, "image": 5.0})
-    assert fresh.stale_after == {"scan": 0.2, "image": 0.3, "odometry": 0.35}
+    assert fresh.stale_after == {"scan": 0.2, "image": 0.3, "odometry": 0.32}
     with pytest.raises(ValueError, match="sonar"):
         PipelineSettings.model_validate({"stale_after_s": {"sonar": 1.0}})
 

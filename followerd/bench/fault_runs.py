@@ -13,6 +13,8 @@ from followerd import app, clock
 from followerd.bench.closed_loop import simulate
 from followerd.config import load
 from followerd.control.mode import Action
+from followerd.hw.p2os.commands import Cmd
+from followerd.hw.p2os.protocol import PacketDecoder
 from followerd.hw.p2os.writer import BRAKE, HALT
 from followerd.messages import Decision, Mode, StopReason
 from followerd.runtime import logs
@@ -33,6 +35,7 @@ BROKEN = frozenset(
     }
 )  # fmt: skip
 CONFIG = {"laser.baud": 38400, "laser.resolution_deg": 1, "record.raw_bytes": True}
+SETPOINTS = (Cmd.VEL, Cmd.RVEL, Cmd.HEAD, Cmd.DHEAD, Cmd.VEL2)
 LENGTH = 4.0  # s, of a fault
 AFTER = 4.0  # s that a run goes on behind it
 NEAR, FAST = 0.45, 0.1  # m, m/s: nearer and faster is an approach
@@ -142,6 +145,7 @@ class Witness:
     def __init__(self, baud: int) -> None:
         self.decisions: list[Decision] = []
         self.halts: list[float] = []  # s, last byte
+        self.moves: list[float] = []  # s, of setpoints that are not zero
         self.stops: list[Stop] = []
         self.operator: asyncio.Future[None] | None = None
         self._baud = baud
@@ -156,16 +160,27 @@ class Witness:
         """When (s) the base was told to stop because something broke after `start`."""
         for decision in self.decisions:
             if start <= decision.stamp <= end and decision.command.stops and _is_broken(decision):
-                halts = [t for t in self.halts if start <= t <= decision.stamp + SLACK]
-                return halts[-1] if halts else None
+                return self._halted(start, decision.stamp + SLACK)
         # a decision that hangs names nothing
         hangs = self.decisions[-1].command.expires < self.decisions[-1].stamp - 1.0
         halts = [t for t in self.halts if start <= t <= end]
         return halts[0] if halts and hangs and not self.decisions[-1].command.stops else None
 
+    def _halted(self, start: float, end: float) -> float | None:
+        """The first stop behind which nothing moved the robot any more; it is said repeatedly."""
+        moved = max([t for t in self.moves if t <= end], default=start)
+        return next((t for t in self.halts if max(start, moved) <= t <= end), None)
+
     def _hear(self, device: str, data: bytes, now: float) -> None:
         if device == "base-sent" and (HALT in data or BRAKE in data):
             self.halts.append(now + 10 * len(data) / self._baud)
+        elif device == "base-sent" and _moves(data):
+            self.moves.append(now)
+
+
+def _moves(data: bytes) -> bool:
+    packets = PacketDecoder().feed(data)
+    return any(p.type in SETPOINTS and any(p.payload[2:]) for p in packets)
 
 
 def _is_broken(decision: Decision) -> bool:

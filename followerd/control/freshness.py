@@ -17,10 +17,12 @@ class Freshness:
         self,
         stale_after: Mapping[StreamName, float] | None = None,
         watched: Collection[str] = tuple(STREAMS),
+        under_way: Mapping[StreamName, float] | None = None,
     ) -> None:
         """`stale_after`: s by stream; only lower values than the table's count.
 
-        The robot does not stop for a stream that nobody `watched`.
+        The robot does not stop for a stream that nobody `watched`. `under_way`: s by stream that
+        it may be older, instead of the table's, while its next measurement is seen to come.
         """
         lower: dict[str, float] = dict((stale_after or {}).items())
         self.stale_after: dict[str, float] = {
@@ -28,6 +30,11 @@ class Freshness:
             for name, stream in STREAMS.items()
             if name in watched
         }
+        longer: dict[str, float] = dict((under_way or {}).items())
+        self._under_way = {
+            name: longer.get(name, STREAMS[name].under_way) for name in self.stale_after
+        }
+        self._coming: set[str] = set()
         self.newest = dict.fromkeys(self.stale_after, -inf)
         self._fresh_since = dict.fromkeys(self.stale_after, inf)
         self._excused: dict[str, float] = {}  # s by stream, beyond its limit
@@ -39,6 +46,12 @@ class Freshness:
         if self._is_stale(stream, now) or self._fresh_since[stream] == inf:
             self._fresh_since[stream] = now
         self.newest[stream] = max(self.newest[stream], stamp)
+        self._coming.discard(stream)
+
+    def coming(self, stream: str) -> None:
+        """The first bytes of the next measurement are here; on a slow line the rest takes long."""
+        if stream in self.newest:
+            self._coming.add(stream)
 
     def excuse(self, stream: str, seconds: float) -> None:
         """Until told otherwise `stream` may be so much older, at a low speed."""
@@ -60,7 +73,7 @@ class Freshness:
             [
                 Reason(STREAMS[name].reason, name, self._age(name, now), full_stop=False)
                 for name, limit in self.stale_after.items()
-                if now - self.newest[name] > share * limit
+                if now - self.newest[name] > share * (limit + self._under_way[name])
             ]
         )
 
@@ -81,14 +94,17 @@ class Freshness:
         """Loop time at which the first stream goes stale."""
         return min(
             [
-                self.newest[name] + limit + self._excused.get(name, 0.0)
-                for name, limit in self.stale_after.items()
+                self.newest[name] + self._limit(name) + self._excused.get(name, 0.0)
+                for name in self.stale_after
             ]
         )
 
     def _is_stale(self, name: str, now: float, excused: float = 0.0) -> bool:
         # written so that a NaN is stale
-        return not now - self.newest[name] <= self.stale_after[name] + excused
+        return not now - self.newest[name] <= self._limit(name) + excused
+
+    def _limit(self, name: str) -> float:
+        return self.stale_after[name] + (self._under_way[name] if name in self._coming else 0.0)
 
     def _age(self, name: str, now: float) -> str:
         age = now - self.newest[name]

@@ -47,7 +47,7 @@ class GuardSettings(Settings):
     max_missing_share: float = Field(0.3, gt=0, lt=1, description="of beams not measured")
     slow_after: float = Field(0.7, gt=0, le=1, description="share of a stream's age limit")
     slow_speed_mps: float = Field(0.3, gt=0, description="with data that old")
-    valid_s: float = Field(0.25, gt=0, le=0.25, description="longest life of a command")
+    valid_s: float = Field(0.22, gt=0, le=0.22, description="longest life of a command")
 
     @property
     def speed_cap(self) -> float:

@@ -54,6 +54,13 @@ class PanTilt(Sensor, Protocol):
 
 
 @runtime_checkable
+class Herald(Protocol):
+    """A sensor on a slow line: it tells when the first bytes of a measurement are here."""
+
+    on_begun: Callable[[str], None]  # called with the stream's name
+
+
+@runtime_checkable
 class ExposureLock(Protocol):
     """A camera, or its stream, that can be kept from adjusting itself."""
 

@@ -9,7 +9,7 @@ from followerd.control.mode import Action
 from followerd.control.novelty import Novelty
 from followerd.errors import UsageError
 from followerd.estimation.gaze import Gaze
-from followerd.hw.interfaces import Base, ExposureLock, PanTilt, Sensor
+from followerd.hw.interfaces import Base, ExposureLock, Herald, PanTilt, Sensor
 from followerd.messages import (
     Box,
     Decision,
@@ -20,7 +20,7 @@ from followerd.messages import (
     Scan,
     TrackState,
 )
-from followerd.pipeline import Event, Late, Operator, Pipeline, Tick
+from followerd.pipeline import Coming, Event, Late, Operator, Pipeline, Tick
 from followerd.record.journal import Entry, Taken
 from followerd.runtime.overheard import Hear
 from followerd.runtime.pointing import Pointing
@@ -35,6 +35,7 @@ from followerd.trackers.sweeping import Sweeping
 
 EARLY = 0.001  # s that a timer may fire before its time
 STUCK = 3  # repetitions in a row that are worth a word
+MISSED = 0.6  # share of a stream's limit from which a measurement was missed
 LATE = 0.2  # s that the loop may be held up
 TICK = 0.05  # s without any event after which staleness is looked at
 
@@ -86,6 +87,9 @@ class Daemon:
         self._motors = False
         self._look: LookAt | None = None
         base.on_sent = self.stats.sent
+        for device in (base, *sensors):
+            if isinstance(device, Herald):
+                device.on_begun = self._coming
 
     async def run(self) -> None:
         """Run until cancelled or until a device proves unusable (DeviceError)."""
@@ -119,6 +123,13 @@ class Daemon:
             self.handle(aimed)
             if self.scanning is not None and isinstance(aimed, Scan):
                 self.scanning.take(aimed, self.pipeline.pose)
+
+    def _coming(self, stream: str) -> None:
+        """A measurement has begun to come; that matters only when the one before was missed."""
+        fresh, now = self.pipeline.freshness, clock.now()
+        missed = now - fresh.newest[stream] > MISSED * fresh.stale_after[stream]
+        if missed and not self._novelty.repeated.get(stream):
+            self.handle(Coming(stream))
 
     def _is_new(self, measurement: Measurement) -> bool:
         """What a stuck device repeats is not used: the robot stops as when it says nothing."""

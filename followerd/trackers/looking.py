@@ -7,6 +7,7 @@ from zlib import crc32
 from followerd.errors import UsageError
 from followerd.geometry import Pose2
 from followerd.messages import Box, Image, Place, TrackState
+from followerd.perception.noise import is_noise
 from followerd.trackers.interfaces import Tracker
 
 HISTORY = 45  # frames kept so that a click on a frame seen a moment ago can be honoured
@@ -51,11 +52,12 @@ class Looking:
     def step(self, seen: Seen) -> tuple[bool, TrackState | None]:
         """Let the tracker look: whether the picture is a new one, and the track; may take a while.
 
-        A stuck camera repeats itself; a real picture is noisy. What is repeated is not looked at,
-        so the stream goes stale and everything follows from that (FAILSAFES F3).
+        A stuck camera repeats itself; a real picture is noisy, but not noise. What is repeated or
+        shows nothing is not looked at, so the stream goes stale and everything follows from that
+        (FAILSAFES F3).
         """
         before, self._checksum = self._checksum, crc32(seen[0].pixels[::EVERY].tobytes())
-        if self._checksum == before or self._tracker is None:
+        if self._checksum == before or self._tracker is None or is_noise(seen[0].pixels):
             return False, None
         return True, self._tracker.step(*seen)
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from followerd.geometry import Array
 from followerd.hw.lms200.flags import reflection_of
-from followerd.hw.lms200.protocol import Telegram
+from followerd.hw.lms200.protocol import HEADER, Telegram
 from followerd.hw.lms200.scans import ScanTelegram, Unit, longest_range, ranges_of
 from followerd.hw.lms200.settings import Lms200Settings
 from followerd.hw.lms200.spikes import SpikeGate
@@ -47,6 +47,7 @@ class Assembler:
         fans = [_Fan(sweep, settings, self._unit) for sweep in settings.sweeps]
         self._fans = {fan.header: fan for fan in fans}
         self._header_bytes = len(fans[0].header)
+        self.telling_bytes = HEADER + self._header_bytes  # of a telegram, that say what it is
         self._is_telling = settings.sweeps[0].samples == 1
         self._longest = longest_range(self._mode, self._unit)
         self._gate = SpikeGate(fans[0].increment)
@@ -93,6 +94,11 @@ class Assembler:
             degraded=is_degraded(telegram.status),
             reflection=None if reflection is None else reflection[fan.order],
         )
+
+    def expects(self, begun: bytes) -> bool:
+        """Whether the first bytes of a telegram are those of the scan that is due."""
+        payload = begun[HEADER:]
+        return begun[1:2] == bytes((self._address,)) and any(map(payload.startswith, self._fans))
 
     def _is_repeated(self, payload: bytes, indices: bytes, ranges: Array) -> bool:
         """Whether a scan came before; counts what is missing since."""

@@ -1,7 +1,9 @@
 """Driver of the SICK LMS200: finds it in any state, sets it up, streams scans."""
 
 import asyncio
+from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 
 import structlog
 
@@ -12,7 +14,7 @@ from followerd.hw.lms200.assembler import Assembler, Counters
 from followerd.hw.lms200.complaints import POWER_CYCLE
 from followerd.hw.lms200.protocol import Telegram
 from followerd.hw.lms200.session import GAP, NoAnswer, Rebooted, Refused, Session
-from followerd.hw.lms200.settings import Lms200Settings, delivered_period
+from followerd.hw.lms200.settings import Lms200Settings, delivered_period, under_way
 from followerd.hw.lms200.setup import SetUp
 from followerd.hw.lms200.telegrams import (
     BAUD_CODES,
@@ -35,6 +37,10 @@ CHECK = "check its cable and 24 V supply"
 log = structlog.get_logger(__name__)
 
 
+def _no_listener(stream: str) -> None:
+    """Nobody asks what is coming."""
+
+
 class NoScans(Exception):
     """The stream ended, or is of no use; says how, and what to do."""
 
@@ -55,12 +61,15 @@ class Lms200:
         self._settings = settings
         self._link = link
         period = delivered_period(settings)
+        self.on_begun: Callable[[str], None] = _no_listener
         self._expected = min(sweep.telegram_bytes for sweep in settings.sweeps)
+        self._heralds = under_way(settings) > 0.0  # scans, by the first bytes of their telegrams
         self._late = period + 2 * GAP
         self._silence = max(SILENCE_PERIODS * period, SILENCE)
         self._last_baud: int = settings.baud
         self._boots_at_9600 = True
         self._was_degraded = False
+        self._was_used = False  # the newest telegram of a scan
 
     async def run(self, sink: Sink) -> None:
         """See hw.interfaces.Sensor. A laser that boots is waited for, for a minute."""
@@ -132,8 +141,11 @@ class Lms200:
         self, session: Session, assembler: Assembler, sink: Sink, expected: int = 1
     ) -> None:
         """Pass usable scans on, for ever; raises Rebooted, NoScans or LinkLost."""
+        begun = None
+        if self._heralds:
+            expected, begun = assembler.telling_bytes, partial(self._herald, assembler)
         while True:
-            event = await session.event(expected)
+            event = await session.event(expected, begun)
             if not isinstance(event, Telegram):
                 continue
             if event.command == Reply.POWER_ON:
@@ -141,11 +153,17 @@ class Lms200:
             if event.command not in SCANS:
                 continue
             scan = assembler.scan(event, session.arrived_at(event), session.received_at)
+            self._was_used = scan is not None
             if scan is not None:
                 self._warn_of(scan)
                 sink(scan)
             elif assembler.foreign >= FOREIGN:
                 raise NoScans("it sends other scans than asked for", "close what else uses it")
+
+    def _herald(self, assembler: Assembler, begun: bytes) -> None:
+        """A device that repeats itself, or is in error, has nothing to come."""
+        if self._was_used and assembler.expects(begun):
+            self.on_begun("scan")
 
     def _warn_of(self, scan: Scan) -> None:
         """Say once that the laser warns."""

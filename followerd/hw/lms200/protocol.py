@@ -145,6 +145,16 @@ class TelegramDecoder:
         return bool(self._buffer)
 
     @property
+    def begun(self) -> bytes:
+        """What is here of the frame that seems begun."""
+        return bytes(self._buffer)
+
+    @property
+    def begun_at(self) -> int:
+        """Where in the stream it begins."""
+        return self._start
+
+    @property
     def missing(self) -> int:
         """Bytes, at least 1, before there can be anything new."""
         return self._needed - len(self._buffer)

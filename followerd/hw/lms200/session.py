@@ -1,6 +1,7 @@
 """One open line to an LMS2xx: requests out, events in. It knows telegrams, not their purpose."""
 
 from collections import deque
+from collections.abc import Callable
 
 from followerd import clock
 from followerd.hw.lms200.protocol import Acknowledgement, Event, Telegram, TelegramDecoder
@@ -42,6 +43,7 @@ class Session:
         self._stream = stream
         self._arrivals = ArrivalTimes(keep=1024)
         self._events: deque[Event] = deque()
+        self._told_of = -1  # offset of the last telegram whose beginning was told
         self._noise_before = 0  # noise bytes when the last request was sent
 
     @property
@@ -53,11 +55,11 @@ class Session:
         """When the telegram's first byte came, s."""
         return self._arrivals.at(telegram.offset, self.baud)
 
-    async def event(self, expected: int = 1) -> Event:
+    async def event(self, expected: int = 1, begun: Callable[[bytes], None] | None = None) -> Event:
         """The next telegram or acknowledgement; raises LinkLost.
 
         To expect a telegram of so many bytes saves wake-ups, but what is shorter is then heard of
-        only after another read.
+        only after another read. What came of a telegram that is not complete is told to `begun`.
         """
         while not self._events:
             midway = self.decoder.is_midway and expected > 1
@@ -66,6 +68,9 @@ class Session:
             self.received_at = received.stamp
             self.received_bytes += len(received.data)
             self._events.extend(self.decoder.feed(received.data))
+            if begun is not None and not self._events and self.decoder.begun_at != self._told_of:
+                self._told_of = self.decoder.begun_at
+                begun(self.decoder.begun)
         return self._events.popleft()
 
     async def request(self, command: int, data: bytes = b"") -> Telegram:

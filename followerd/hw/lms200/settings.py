@@ -12,6 +12,8 @@ from followerd.hw.lms200.variant import VARIANTS, Variant, line_time
 from followerd.settings import Settings
 
 MISSED = 2.3  # periods without a scan: two are missing, not one that is a little late
+UNSEEN = 1.5  # periods without one, when not even the beginning of another is seen on a slow line
+SLOW_LINE = 0.05  # s, line time of a telegram from which its beginning is looked for
 LEAST_SECTOR = 10  # deg
 LEAST_STALE = 0.2  # s; a busy computer may hold up the fast scans of 500000 baud by more
 
@@ -129,14 +131,29 @@ def oldest(settings: Lms200Settings) -> float:
 
 
 def stale_after(settings: Lms200Settings) -> float:
-    """Age in s of the first beam at which two scans in a row are missing."""
-    missed = MISSED * delivered_period(settings)
-    return max(_age_when_complete(settings) + missed, LEAST_STALE)
+    """Age in s of the first beam at which two scans in a row are missing.
+
+    On a slow line that is known early, when the second has not even begun to come.
+    """
+    missed = UNSEEN if _is_slow(settings) else MISSED
+    return max(_age_when_complete(settings) + missed * delivered_period(settings), LEAST_STALE)
+
+
+def under_way(settings: Lms200Settings) -> float:
+    """Seconds beyond `stale_after` that a scan which is seen to come is waited for."""
+    if not _is_slow(settings):
+        return 0.0
+    longest = _age_when_complete(settings) + MISSED * delivered_period(settings)
+    return longest - stale_after(settings)
 
 
 def delivered_period(settings: Lms200Settings) -> float:
     """Seconds between the scans that arrive, whatever the mirror measures meanwhile."""
     return settings.sweeps[0].delivered_period(settings.baud)
+
+
+def _is_slow(settings: Lms200Settings) -> bool:
+    return line_time(settings.sweeps[0].telegram_bytes, settings.baud) > SLOW_LINE
 
 
 def _age_when_complete(settings: Lms200Settings) -> float:

@@ -35,6 +35,10 @@ def _no_listener(command: Command, now: float) -> None:
     """Nobody asks when commands were sent."""
 
 
+def _nobody(stream: str) -> None:
+    """Nobody asks what is coming."""
+
+
 class P2osBase:
     """The base on `link`. See `followerd.hw.interfaces.Base`."""
 
@@ -44,6 +48,7 @@ class P2osBase:
     def __init__(self, settings: P2osSettings, link: Link, name: str = "base") -> None:
         self.name = name
         self.on_sent: Callable[[Command, float], None] = _no_listener
+        self.on_begun: Callable[[str], None] = _nobody
         self._settings = settings
         self._link = link
         self._log = structlog.get_logger().bind(device=name)
@@ -125,6 +130,7 @@ class P2osBase:
             self._motors,
             self._pose,
             lambda command, now: self.on_sent(command, now),
+            lambda stream: self.on_begun(stream),
         )
         self._session = session
         try:

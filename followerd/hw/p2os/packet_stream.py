@@ -45,6 +45,11 @@ class PacketStream:
             for packet in packets
         ]
 
+    @property
+    def begun(self) -> tuple[int, int] | None:
+        """See PacketDecoder."""
+        return self._decoder.begun
+
     def write(self, data: bytes) -> None:
         """Send now."""
         self._stream.write(data)

@@ -79,6 +79,13 @@ class PacketDecoder:
         self._offset = 0  # of the buffer's first byte in the stream
         self._seam = 0  # bytes of a packet that was incomplete when the line paused
 
+    @property
+    def begun(self) -> tuple[int, int] | None:
+        """Type, and place in the stream, of a packet whose first bytes are here."""
+        if len(self._buffer) <= 3 or self._seam:
+            return None
+        return self._buffer[3], self._offset
+
     def feed(self, data: bytes) -> list[Packet]:
         """The packets completed by `data`; however the bytes are split, they are the same."""
         self._buffer += data

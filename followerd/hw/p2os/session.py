@@ -25,6 +25,7 @@ from followerd.hw.p2os.plausible import is_plausible
 from followerd.hw.p2os.report import Reports
 from followerd.hw.p2os.set_up import SetUp
 from followerd.hw.p2os.settings import P2osSettings
+from followerd.hw.p2os.sip import TYPES as SIP_TYPES
 from followerd.hw.p2os.sip import Sip
 from followerd.hw.p2os.writer import Status, Writer
 from followerd.messages import BatteryLevel, Command
@@ -49,6 +50,7 @@ class Session:
         motors: MotorPower,
         pose: Pose2,
         on_sent: Sent,
+        on_begun: Callable[[str], None],
     ) -> None:
         self.odometer = Odometer(model, pose)
         self.writer = Writer(line.baud)
@@ -65,6 +67,8 @@ class Session:
         self._battery = BatteryLevel.UNKNOWN
         self._heard = clock.now()  # s, newest status packet
         self._on_sent = on_sent
+        self._on_begun = on_begun
+        self._told_of = -1  # place of the last status packet whose beginning was told
         self._wake = asyncio.Event()
         self._asleep_until = 0.0
         self._lost: LinkLost | None = None
@@ -97,6 +101,14 @@ class Session:
                     raise self._silence()
             for arrived in arrivals or ():
                 self._take(arrived, sink)
+            self._herald()
+
+    def _herald(self) -> None:
+        """Say once of each status packet that it has begun."""
+        begun = self._line.begun
+        if begun is not None and begun[0] in SIP_TYPES and begun[1] != self._told_of:
+            self._told_of = begun[1]
+            self._on_begun("odometry")
 
     def _silence(self) -> LinkLost:
         return LinkLost(
