@@ -22,6 +22,7 @@ STOPPED = Outcome(
     false_stops=1,
     unnamed_stops=0,
     stops=2,
+    too_early=0.0,
     sound=1800.0,
     following=1900.0,
 )
@@ -37,7 +38,7 @@ def test_figures_stand_by_failsafe_and_by_fault() -> None:
     ]
     found = {(row.scenario, row.metric): row.value for row in rows(runs)}
     names = list(dict.fromkeys(name for name, _ in found))
-    assert names == ["F1", "F2", "F7", "F19", HUNG, "laser:flip", "laser:off"]
+    assert names == ["F1", "F2", "F7", "F10", "F19", HUNG, "laser:flip", "laser:off"]
     assert found["F1", "time_to_stop_max_s"] == 0.2
     assert found["laser:flip", "time_to_stop_p50_s"] == 0.4
     assert found["laser:flip", "stopped_percent"] == 50.0
