@@ -97,7 +97,8 @@ def mutants(source: str) -> Iterator[tuple[str, str]]:
             _put(parent, name, index, change)
             after = ast.unparse(ast.fix_missing_locations(tree))
             _put(parent, name, index, node)
-            yield _difference(before, after, getattr(node, "lineno", 0)), after
+            if after != before:
+                yield _difference(before, after, getattr(node, "lineno", 0)), after
 
 
 def _difference(before: str, after: str, line: int) -> str:
@@ -214,7 +215,8 @@ def main(every: int) -> int:
     for module, tests in TARGETS.items():
         plugin = Mutation(module, every)
         own: Sequence[str] = (
-            "-q", "-n0", "-p", "no:randomly", "-p", "no:cacheprovider", "-m", "not slow",
+            "-o", "addopts=", "-m", "not slow",
+            "-p", "no:randomly", "-p", "no:cacheprovider", "-p", "no:terminal",
         )  # fmt: skip
         pytest.main([*own, *(str(ROOT / test) for test in tests)], [plugin])
         for what in plugin.survived:

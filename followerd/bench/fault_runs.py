@@ -37,7 +37,8 @@ BROKEN = frozenset(
         StopReason.OPERATOR_GONE,
     }
 )  # fmt: skip
-CONFIG = {"laser.baud": 38400, "laser.resolution_deg": 1, "record.raw_bytes": True}
+CONFIG = {"record.raw_bytes": True}
+SLOWEST = {"laser.baud": 38400, "laser.resolution_deg": 1}  # that F2 allows; trackers of images
 FOLLOWING = "hpf-sim"  # the preset of every run that names none
 HEAD = "ofkf-sim"  # the one with a pan-tilt head
 MOMENTS = {  # s, when a fault begins
@@ -99,7 +100,9 @@ def run(job: Job) -> Outcome:
     start = float(rng.uniform(*MOMENTS[job.moment]))
     duration = start + LENGTH + AFTER if job.duration is None else job.duration
     faults = _faults(job.fault, start, duration, rng)
-    config = load(job.preset, {"sim.scenario": job.scenario, "seed": job.seed, **CONFIG})
+    laser = SLOWEST if job.preset == FOLLOWING else {}
+    place = {"sim.scenario": job.scenario, "seed": job.seed}
+    config = load(job.preset, {**place, **CONFIG, **laser})
     rig = app.rig(config, faults)
     witness = Witness(config.base.model_dump().get("baud") or 9600)
 

@@ -36,7 +36,7 @@ HEAD_SCENARIO = "thermal-walk"
 DRIVEN = tuple(moment for moment in MOMENTS if moment != "start-up")
 FIRST_SEED = 6000  # seeds below serve for tuning
 FIRST_MIXED = 6500
-MOST_SEEDS = 3  # of each fault and moment
+MOST_SEEDS = 2  # of each fault and moment
 CHUNK = 60.0  # s, of the mixed drive
 CHUNKS, QUICK_CHUNKS = 60, 4
 MIXED = (  # presets and scenarios, by turns
