@@ -280,6 +280,7 @@ class Place:
     bearing: float  # rad in `base`, left positive
     sigma: float = 0.0  # m, of either
     seen: bool = True  # False: hidden by somebody, where they should be by now
+    refuted: bool = False  # what the tracker follows is not the person
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -229,7 +229,7 @@ class Pipeline:
             clusters = find_clusters(scan, points, self.settings.clusters)
             self._localize(scan, base, now)
             self._view = View(scan, points, clusters, base, self._mapped(points, clusters))
-            self.association.scan(clusters, base)
+            self.association.scan(clusters, base, points)
             if carried := self.association.carried(base, scan.stamp):
                 self._judge(carried, now)
             elif self._track is not None and self.association.claimed:

@@ -5,10 +5,11 @@ from math import pi
 
 import pytest
 
-from followerd.bench.fault_runs import HUNG, Job, Outcome, approaches, run
-from followerd.bench.faults import rows
+from followerd.bench.fault_runs import GONE, HUNG, MOMENTS, Job, Outcome, approaches, run
+from followerd.bench.faults import DEVICES, plan, rows
 from followerd.geometry import Pose2
 from followerd.messages import Twist
+from followerd.sim.faults import FaultKind
 from followerd.sim.truth import Actor, Truth
 
 STOPPED = Outcome(
@@ -22,6 +23,7 @@ STOPPED = Outcome(
     false_stops=1,
     unnamed_stops=0,
     stops=2,
+    too_early=0.0,
     sound=1800.0,
     following=1900.0,
 )
@@ -37,7 +39,7 @@ def test_figures_stand_by_failsafe_and_by_fault() -> None:
     ]
     found = {(row.scenario, row.metric): row.value for row in rows(runs)}
     names = list(dict.fromkeys(name for name, _ in found))
-    assert names == ["F1", "F2", "F7", "F19", HUNG, "laser:flip", "laser:off"]
+    assert names == ["F1", "F2", "F7", "F10", "F19", HUNG, "laser:flip", "laser:off"]
     assert found["F1", "time_to_stop_max_s"] == 0.2
     assert found["laser:flip", "time_to_stop_p50_s"] == 0.4
     assert found["laser:flip", "stopped_percent"] == 50.0
@@ -55,6 +57,59 @@ def test_only_driving_toward_somebody_near_is_an_approach() -> None:
     assert approaches([truth(0.0, 0.4, 0.3), truth(0.1, 0.5, 0.3), truth(0.2, 0.4, 0.3)]) == 2
     assert approaches([truth(0.0, 0.5, 0.3), truth(0.1, 0.4, 0.05)]) == 0
     assert approaches([truth(0.0, 0.4, 0.3, pi), truth(0.1, 0.4, -0.3, 0.0)]) == 0
+
+
+def test_the_plan_has_every_fault_of_every_device_at_every_moment() -> None:
+    jobs = plan(1, quick=False)
+    faults = {job.fault for job in jobs}
+    assert {f"{device}:{kind.value}" for device in DEVICES for kind in FaultKind} <= faults
+    laser = [job for job in jobs if job.fault == "laser:stuck"]
+    assert {job.moment for job in laser} == set(MOMENTS) - {"start-up"}
+    early = {job.fault for job in jobs if job.moment == "start-up"}
+    assert early >= {"laser:off", "camera:reboot", "robot:disconnect"}
+    assert sum(job.duration or 0.0 for job in jobs if job.fault == "mixed") == 3600.0
+    assert len({(job.fault, job.seed, job.moment) for job in jobs}) == len(jobs)
+
+
+def test_a_fault_while_it_starts_up_and_the_identity_have_rows_of_their_own() -> None:
+    runs = [
+        (Job("laser:off", "corridor", 1, 12.0, "start-up"), replace(STOPPED, too_early=0.3)),
+        (Job("mixed", "office", 2, 60.0, preset="legs-sim"), replace(STOPPED, wrong_follow=0.5)),
+        (Job(GONE, "office", 3), replace(STOPPED, time_to_stop=0.9)),
+    ]
+    found = {(row.scenario, row.metric): row.value for row in rows(runs)}
+    names = list(dict.fromkeys(name for name, _ in found))
+    assert names == ["F9", "F10", "F14", "F18", "F19", "mixed", "mixed:legs", GONE]
+    assert found["F18", "too_early_m"] == 0.3
+    assert found["F9", "wrong_follow_m"] == found["mixed:legs", "wrong_follow_m"] == 0.5
+    assert found["F14", "time_to_stop_max_s"] == 0.9
+
+
+# what the machine tests at each change of the whole campaign, which takes minutes
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("job", "latest"),
+    [
+        (Job(HUNG, "corridor", 6100), 0.3),
+        (Job(GONE, "corridor", 6101), 1.1),
+        (Job("laser:off", "office", 6102), 0.5),
+        (Job("robot:disconnect", "turns", 6103), 0.5),
+        (Job("mixed", "office", 5608, 32.0), None),  # slid onto somebody who stood there
+        (Job("mixed", "turns", 5607, 32.0), None),  # and onto a wall
+    ],
+    ids=lambda value: f"{value.fault}-{value.scenario}" if isinstance(value, Job) else "",
+)
+def test_whatever_fails_the_robot_stops_in_time_and_follows_nobody_else(
+    job: Job, latest: float | None
+) -> None:
+    outcome = run(job)
+    assert outcome.following > 4.0
+    assert (outcome.collisions, outcome.approaches, outcome.unnamed_stops) == (0, 0, 0)
+    assert outcome.wrong_follow == 0.0
+    if latest is not None:
+        assert outcome.moved
+        assert outcome.time_to_stop is not None
+        assert outcome.time_to_stop <= latest
 
 
 @pytest.mark.slow

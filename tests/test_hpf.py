@@ -127,6 +127,21 @@ def test_somebody_who_comes_back_elsewhere_is_found_again() -> None:
     assert apart(last, person) < 6.0
 
 
+def test_a_refuted_track_is_unsure_at_once_and_looks_anew() -> None:
+    tracker = hpf()
+    follow(tracker, walk(15))
+    scene = list(walk(30))[15:]
+    refuted = Place(3.0, 0.0, 2.0, seen=False, refuted=True)
+    state = tracker.step(scene[0][0], Pose2(), refuted)
+    assert state is not None
+    assert state.phase is not TrackPhase.CONFIRMED
+    for image, person in scene[1:]:
+        state = tracker.step(image, Pose2())
+        assert state is not None
+    assert state.phase is TrackPhase.CONFIRMED
+    assert apart(state, person) < 6.0
+
+
 def test_without_odometry_the_image_tells_how_the_camera_turns() -> None:
     tracker = hpf()
     pan = 0

@@ -3,7 +3,8 @@
 import asyncio
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import cos, hypot
+from itertools import pairwise
+from math import cos, dist, hypot, sin
 from typing import Any
 
 import cv2
@@ -17,14 +18,17 @@ from followerd.hw.p2os.commands import Cmd
 from followerd.hw.p2os.protocol import PacketDecoder
 from followerd.hw.p2os.writer import BRAKE, HALT
 from followerd.messages import Decision, Mode, StopReason
+from followerd.pipeline import Presence
 from followerd.runtime import logs
-from followerd.runtime.auto_operator import AutoOperator
+from followerd.runtime.auto_operator import AutoOperator, person_ahead
 from followerd.runtime.daemon import Daemon
 from followerd.runtime.stats import Stop
 from followerd.sim.faults import Fault, FaultKind
-from followerd.sim.truth import Truth
+from followerd.sim.truth import Actor, Truth
 
 HUNG = "decisions:stuck"  # not a device: the pipeline decides nothing new (F1)
+GONE = "operator:off"  # nor is this: the session that armed is heard of no more (F14)
+SESSION = "page"
 BROKEN = frozenset(
     {
         StopReason.SCAN_STALE, StopReason.IMAGE_STALE, StopReason.ODOMETRY_STALE,
@@ -32,28 +36,44 @@ BROKEN = frozenset(
         StopReason.DEVICE_REFUSED, StopReason.LOOP_LATE, StopReason.TARGET_UNSURE,
         StopReason.TARGET_LOST, StopReason.WHEEL_STALL, StopReason.BUMPER,
         StopReason.MOTORS_OFF, StopReason.STOP_BUTTON, StopReason.LOW_BATTERY,
+        StopReason.OPERATOR_GONE,
     }
 )  # fmt: skip
-CONFIG = {"laser.baud": 38400, "laser.resolution_deg": 1, "record.raw_bytes": True}
+CONFIG = {"record.raw_bytes": True}
 SETPOINTS = (Cmd.VEL, Cmd.RVEL, Cmd.HEAD, Cmd.DHEAD, Cmd.VEL2)
+SLOWEST = {"laser.baud": 38400, "laser.resolution_deg": 1}  # that F2 allows; trackers of images
+FOLLOWING = "hpf-sim"  # the preset of every run that names none
+HEAD = "ofkf-sim"  # the one with a pan-tilt head
+MOMENTS = {  # s, when a fault begins
+    "start-up": (0.8, 2.5),
+    "setting off": (5.0, 7.5),
+    "under way": (8.0, 14.0),
+    "later": (15.0, 22.0),
+}
 LENGTH = 4.0  # s, of a fault
 AFTER = 4.0  # s that a run goes on behind it
 NEAR, FAST = 0.45, 0.1  # m, m/s: nearer and faster is an approach
 MOVES = 0.05  # m/s or rad/s
 STANDS = 0.01  # the same
 SLACK = 0.06  # s from a decision to its stop's last byte, what was under way included
+PRESENT = 0.2  # s between the signs of a session
 REARM = 2.0  # s between the looks of who arms again
-GIVEN_UP = 4.0  # s without anybody in sight, before the person is shown again
+GIVEN_UP = 4.0  # s that it does not follow, before the person is shown again
+SHOWN = 0.5  # m, from the person: who is shown is them
+SILENT = frozenset({FaultKind.OFF, FaultKind.DISCONNECT, FaultKind.REBOOT})  # surely nothing new
+FRESH = 2.0  # s after those, before anything may move
 
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One run: `fault` as `device:name`, `device:name` = `none` without any, `mixed` with many."""
+    """One run: `fault` as `device:name`, or `none`, or `mixed`: one after the other."""
 
     fault: str
     scenario: str
     seed: int
     duration: float | None = None  # s; None = as long as the fault asks
+    moment: str = "under way"
+    preset: str = FOLLOWING
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +90,7 @@ class Outcome:
     false_stops: int  # because of a device, without a fault
     unnamed_stops: int  # without reason, device or time (F19)
     stops: int
+    too_early: float  # m driven before the devices had been well for long enough (F18)
     sound: float  # s armed without a fault
     following: float  # s
 
@@ -79,10 +100,12 @@ def run(job: Job) -> Outcome:
     cv2.setNumThreads(1)
     logs.configure("error")
     rng = np.random.default_rng([job.seed, 11])
-    start = float(rng.uniform(8.0, 14.0))
+    start = float(rng.uniform(*MOMENTS[job.moment]))
     duration = start + LENGTH + AFTER if job.duration is None else job.duration
     faults = _faults(job.fault, start, duration, rng)
-    config = load("hpf-sim", {"sim.scenario": job.scenario, "seed": job.seed, **CONFIG})
+    laser = SLOWEST if job.preset == FOLLOWING else {}
+    place = {"sim.scenario": job.scenario, "seed": job.seed}
+    config = load(job.preset, {**place, **CONFIG, **laser})
     rig = app.rig(config, faults)
     witness = Witness(config.base.model_dump().get("baud") or 9600)
 
@@ -90,16 +113,22 @@ def run(job: Job) -> Outcome:
         witness.attach(daemon)
         if job.fault == HUNG:
             asyncio.get_running_loop().call_at(start, hang, daemon)
+        if job.fault == GONE:
+            witness.beside = asyncio.ensure_future(armed_by_session(daemon, start))
         if job.fault == "mixed":
-            witness.operator = asyncio.ensure_future(rearm(daemon))
+            witness.beside = asyncio.ensure_future(rearm(daemon, rig.truths))
 
-    follow = simulate(config, duration, attach, world=rig)["follow"]
+    follow = simulate(config, duration, attach, world=rig)["follow"] or {}
     hurt = [(f.start, f.end + AFTER) for f in faults] or [(duration, duration)]
-    if job.fault == HUNG:
+    if job.fault in (HUNG, GONE):
         hurt = [(start, duration)]
     single = job.fault not in ("none", "mixed")
     stopped = witness.stopped(start, start + LENGTH + AFTER) if single else None
-    return _outcome(rig.truths, witness, follow, hurt, start, stopped)
+    outcome = _outcome(rig.truths, witness, follow, hurt, start, stopped)
+    silent = [f for f in faults if f.kind in SILENT and f.device != "ptz"]
+    if job.moment != "start-up" or not silent:
+        return outcome
+    return replace(outcome, too_early=_driven(rig.truths, silent[0].start, silent[0].end + FRESH))
 
 
 def hang(daemon: Daemon) -> None:
@@ -109,23 +138,47 @@ def hang(daemon: Daemon) -> None:
     vars(daemon.pipeline)["step"] = lambda _event, now: replace(last, stamp=now)
 
 
-async def rearm(daemon: Daemon) -> None:
-    """Who stands by: arms again after each stop, and shows the person who was lost again."""
+async def armed_by_session(daemon: Daemon, until: float) -> None:
+    """An operator's page that arms, says that it is there, and after `until` is silent."""
+    while daemon.pipeline.modes.mode is not Mode.FOLLOWING:
+        await clock.sleep(PRESENT)
+    daemon.act(Action.DISARM)
+    daemon.act(Action.ARM, SESSION)
+    while clock.now() < until:
+        daemon.handle(Presence(SESSION))
+        await clock.sleep(PRESENT)
+
+
+async def rearm(daemon: Daemon, truths: Sequence[Truth]) -> None:
+    """Who stands by: arms again after each stop, and shows the person again to a robot in doubt.
+
+    Knows the person, so nobody else is shown.
+    """
     operator, idle = AutoOperator(daemon), 0.0
     while True:
         await clock.sleep(REARM)
         mode = None if daemon.decision is None else daemon.decision.mode
         if not daemon.pipeline.modes.confirmed:
             continue
-        idle = idle + REARM if mode is Mode.IDLE else 0.0
-        if idle > GIVEN_UP:
+        idle = idle + REARM if mode in (Mode.IDLE, Mode.HOLDING) else 0.0
+        if idle > GIVEN_UP and _is_ahead(daemon, truths[-1].target):
             await clock.within(GIVEN_UP, operator.run())
         elif mode in (Mode.DISARMED, Mode.FAULT, Mode.IDLE):
             daemon.act(Action.ARM)
 
 
+def _is_ahead(daemon: Daemon, target: Actor) -> bool:
+    """Whether whoever stands before the robot is the person."""
+    view, image = daemon.pipeline.view, daemon.vision.newest
+    found = None if view is None or image is None else person_ahead(view.scan, image.camera)
+    if found is None:
+        return False
+    there = target.distance * cos(target.bearing), target.distance * sin(target.bearing)
+    return dist(found, there) < SHOWN
+
+
 def _faults(name: str, start: float, duration: float, rng: np.random.Generator) -> list[Fault]:
-    if name in ("none", HUNG):
+    if name in ("none", HUNG, GONE):
         return []
     if name != "mixed":
         return [Fault.parse(f"{name}@{start:.3f}+{LENGTH}")]
@@ -147,7 +200,7 @@ class Witness:
         self.halts: list[float] = []  # s, last byte
         self.moves: list[float] = []  # s, of setpoints that are not zero
         self.stops: list[Stop] = []
-        self.operator: asyncio.Future[None] | None = None
+        self.beside: asyncio.Future[None] | None = None  # what goes on beside the run
         self._baud = baud
 
     def attach(self, daemon: Daemon) -> None:
@@ -218,12 +271,13 @@ def _outcome(
         stop_distance=distance,
         collisions=truths[-1].collisions,
         approaches=approaches(truths),
-        wrong_follow=follow["wrong_follow_m"] or 0.0,
+        wrong_follow=follow.get("wrong_follow_m") or 0.0,
         false_stops=len(false),
         unnamed_stops=sum(
             not (stop.reason and stop.device) or stop.time_to_stop is None for stop in witness.stops
         ),
         stops=len(witness.stops),
+        too_early=0.0,
         sound=float(steps[sound].sum()) if len(steps) else 0.0,
         following=float(steps.sum()),
     )
@@ -244,6 +298,12 @@ def _to_standstill(
         if still and truth.stamp >= stopped:
             return truth.stamp - start, way
     return None, None
+
+
+def _driven(truths: Sequence[Truth], start: float, end: float) -> float:
+    """Way between two times, m."""
+    some = [truth.pose for truth in truths if start <= truth.stamp <= end]
+    return sum(hypot(b.x - a.x, b.y - a.y) for a, b in pairwise(some))
 
 
 def approaches(truths: Sequence[Truth]) -> int:

@@ -1,8 +1,9 @@
 """Suite `faults`: every fault of every device while a person is followed, bytes and all.
 
 Times count from the fault to the last byte of zero velocity. A fault need not stop the robot: how
-many of the runs that drove were stopped stands beside the times. `mixed` is a long drive with one
-fault after the other and somebody who arms again; `none` is the same without faults.
+many of the runs that drove were stopped stands beside the times. `mixed` is an hour of driving in
+pieces, by every tracker, with one fault after the other and somebody who arms again; `none` is the
+same without faults. Rows of F numbers say how the campaign meets that failsafe.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,23 +13,43 @@ from itertools import product
 import numpy as np
 from matplotlib.figure import Figure
 
-from followerd.bench.fault_runs import HUNG, Job, Outcome, run
+from followerd.bench.fault_runs import (
+    FOLLOWING,
+    GONE,
+    HEAD,
+    HUNG,
+    MOMENTS,
+    SILENT,
+    Job,
+    Outcome,
+    run,
+)
 from followerd.bench.report import Report
 from followerd.bench.rows import Row
 from followerd.bench.sweep import sweep
 from followerd.sim.faults import FaultKind
 
 TRACKER = "all"
-DEVICES = ("robot", "laser", "camera")
+DEVICES = ("robot", "laser", "camera", "ptz")
 SCENARIOS = ("corridor", "turns", "office")  # by turns
-FIRST_SEED = 5000  # seeds below serve for tuning
-MOST_SEEDS = 8  # of each fault
-CHUNK = 300.0  # s, of the long drive
-CHUNKS, QUICK_CHUNKS = 12, 1
+HEAD_SCENARIO = "thermal-walk"
+DRIVEN = tuple(moment for moment in MOMENTS if moment != "start-up")
+FIRST_SEED = 6000  # seeds below serve for tuning
+FIRST_MIXED = 6500
+MOST_SEEDS = 2  # of each fault and moment
+CHUNK = 60.0  # s, of the mixed drive
+CHUNKS, QUICK_CHUNKS = 60, 4
+MIXED = (  # presets and scenarios, by turns
+    ("hpf-sim", "corridor"), ("hpf-sim", "office"), ("hpf-sim", "turns"), ("legs-sim", "office"),
+    ("hpf-sim", "corridor"), ("hpf-sim", "office"), ("hpf-sim", "turns"),
+    ("stream_field-sim", "turns"), ("legs-sim", "corridor"), ("patches-sim", "jia-paths"),
+    ("head-sim", "face-to-face"), ("ofkf-sim", "thermal-walk"),
+)  # fmt: skip
 NONE = 120.0  # s, of each run without faults
 QUICK_KINDS = (FaultKind.OFF, FaultKind.STUCK, FaultKind.WRONG, FaultKind.DISCONNECT)
 BYTES = (FaultKind.GARBAGE, FaultKind.WRONG, FaultKind.DROP, FaultKind.FLIP,
          FaultKind.DUPLICATE, FaultKind.SPLIT)  # fmt: skip
+NUMBERS = {HUNG: "F1", "laser": "F2", "camera": "F3", "robot": "F4", GONE: "F14"}
 PERCENTILES: dict[str, Callable[[np.ndarray], float]] = {
     "p50": lambda times: float(np.percentile(times, 50)),
     "p99": lambda times: float(np.percentile(times, 99)),
@@ -39,22 +60,35 @@ Run = tuple[Job, Outcome]
 
 
 def suite(executor: Executor, seeds: int, quick: bool) -> Report:
-    """`quick`: one seed, four kinds, and five minutes of mixed faults instead of an hour."""
-    jobs = _jobs(1 if quick else min(seeds, MOST_SEEDS), quick)
+    """`quick`: one seed and moment, four kinds, and four minutes of mixed faults."""
+    jobs = plan(1 if quick else min(seeds, MOST_SEEDS), quick=quick)
     runs = list(zip(jobs, sweep(executor, run, jobs, "faults"), strict=True))
     return Report(rows(runs), {"time to stop": plot(runs)})
 
 
-def _jobs(seeds: int, quick: bool) -> list[Job]:
-    chunks = range(QUICK_CHUNKS if quick else CHUNKS)
-    # the longest first, so that no worker is left with one at the end
-    jobs = [Job("mixed", "corridor", FIRST_SEED + 500 + k, CHUNK) for k in chunks]
+def plan(seeds: int, *, quick: bool) -> list[Job]:
+    """Every run of the campaign; the longest first, so that no worker is left with one."""
     numbers = range(FIRST_SEED, FIRST_SEED + seeds)
-    jobs += [Job("none", SCENARIOS[k % 3], seed, NONE) for k, seed in enumerate(numbers)]
+    jobs = [Job("none", SCENARIOS[k % 3], seed, NONE) for k, seed in enumerate(numbers)]
+    jobs += mixed(FIRST_MIXED, QUICK_CHUNKS if quick else CHUNKS)
     kinds = QUICK_KINDS if quick else tuple(FaultKind)
-    names = [HUNG, *(f"{device}:{kind.value}" for device, kind in product(DEVICES, kinds))]
-    return jobs + [
-        Job(name, SCENARIOS[k % 3], seed) for name in names for k, seed in enumerate(numbers)
+    names = [HUNG, GONE, *(f"{device}:{kind.value}" for device, kind in product(DEVICES, kinds))]
+    moments = DRIVEN[1:2] if quick else DRIVEN
+    for k, (seed, name, moment) in enumerate(product(numbers, names, moments)):
+        is_head = name.startswith("ptz:")
+        place = (HEAD_SCENARIO, HEAD) if is_head else (SCENARIOS[k % 3], FOLLOWING)
+        jobs.append(Job(name, place[0], seed, None, moment, place[1]))
+    early = [kind.value for kind in kinds if kind in SILENT]
+    names = [f"{device}:{kind}" for device, kind in product(DEVICES[:3], early)]
+    starts = enumerate(product(numbers, names))
+    return jobs + [Job(n, SCENARIOS[k % 3], seed, 12.0, "start-up") for k, (seed, n) in starts]
+
+
+def mixed(first: int, chunks: int) -> list[Job]:
+    """The mixed drive, with seeds from `first`."""
+    return [
+        Job("mixed", scenario, first + k, CHUNK, preset=preset)
+        for k, (preset, scenario) in ((k, MIXED[k % len(MIXED)]) for k in range(chunks))
     ]
 
 
@@ -63,11 +97,17 @@ def groups(runs: Sequence[Run]) -> dict[str, list[Outcome]]:
     found: dict[str, list[Outcome]] = {}
     for job, outcome in runs:
         device, _, kind = job.fault.partition(":")
-        numbers = {HUNG: "F1", "laser": "F2", "camera": "F3", "robot": "F4"}
-        names = [numbers.get(job.fault) or numbers.get(device, ""), job.fault]
-        if kind in [each.value for each in BYTES] and job.fault != HUNG:
-            names.append("F7")
-        for name in filter(None, (*names, "F19")):
+        if job.moment == "start-up":
+            names = ["F18"]
+        else:
+            names = [NUMBERS.get(job.fault) or NUMBERS.get(device, ""), job.fault]
+            if device in DEVICES and kind in [each.value for each in BYTES]:
+                names.append("F7")
+        if job.fault == "mixed":
+            names.append(f"mixed:{job.preset.removesuffix('-sim')}")
+        if job.fault == "mixed" or device == "camera":
+            names.append("F9")
+        for name in filter(None, (*names, "F10", "F19")):
             found.setdefault(name, []).append(outcome)
     return dict(sorted(found.items(), key=lambda item: _order(item[0])))
 
@@ -100,6 +140,7 @@ def _figures(name: str, outcomes: Sequence[Outcome]) -> list[Row]:
         "approaches": (_sum(outcomes, "approaches"), ""),
         "wrong_follow_m": (_sum(outcomes, "wrong_follow"), "m"),
         "unnamed_stops": (_sum(outcomes, "unnamed_stops"), ""),
+        "too_early_m": (_sum(outcomes, "too_early"), "m"),
         "following_h": (_sum(outcomes, "following") / 3600, "h"),
     }
     return [

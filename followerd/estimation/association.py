@@ -7,19 +7,22 @@ have been followed scan by scan since, with nobody else's near, go on alone: as 
 """
 
 from dataclasses import replace
-from math import atan2, hypot, inf, radians
+from math import atan2, hypot, inf, radians, sin
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field
 
 from followerd.estimation.own_legs import Expected, OwnLegs, OwnLegsSettings
 from followerd.estimation.ranging import Person, Ranging, RangingSettings, Sighting
+from followerd.estimation.trust import Trust, TrustSettings
 from followerd.geometry import Array, Pose2, wrap_angle
 from followerd.messages import Clusters, Place, TrackPhase, TrackState
 from followerd.settings import Settings
 
 SEEN = frozenset({TrackPhase.CONFIRMED, TrackPhase.TENTATIVE})
 FOLLOWED = frozenset({TrackPhase.CONFIRMED, TrackPhase.OCCLUDED})
+NOBODYS = np.empty(0, np.intp)
 STEADY = 0.3  # m/s, of the velocity of who is placed without one
 
 
@@ -28,6 +31,7 @@ class AssociationSettings(Settings):
 
     filter: RangingSettings = RangingSettings()
     legs: OwnLegsSettings = OwnLegsSettings()
+    trust: TrustSettings = TrustSettings()
     bearing_sigma_deg: float = Field(1.5, gt=0, description="of the tracker's bearing")
     beside_legs: float = Field(3.0, ge=1, description="times that, while the laser sees the legs")
     range_sigma_m: float = Field(0.3, gt=0, description="of a track's range that names none")
@@ -48,16 +52,19 @@ class Association:
         self.settings = settings or AssociationSettings()
         self._filter = Ranging(self.settings.filter)
         self._legs = OwnLegs(self.settings.legs)
+        self.trust = Trust(self.settings.trust)
         self.forget()
 
     def forget(self) -> None:
         """Drop the person."""
         self._filter.forget()
         self._legs.forget()
+        self.trust.forget()
         self._track: TrackState | None = None
         self._sight = 0.0  # rad in odom, direction in which the track was seen
         self._tied_at = -inf  # s, the camera confirmed who the legs are; -inf: they are nobody's
         self._confidence = 0.0  # then
+        self._looked_past_at = inf  # s, the camera began to see somebody beside the legs
         self.claimed: tuple[slice, ...] = ()  # beams of the newest scan that show the person
 
     def see(self, track: TrackState, base: Pose2) -> None:
@@ -65,6 +72,8 @@ class Association:
         self._track = track
         if track.phase is not TrackPhase.CONFIRMED:
             self.claimed = ()
+        if track.phase is TrackPhase.LOST and not self.vouches(track.stamp):
+            self.trust.doubt("the camera lost the person", track.stamp)
         if track.bearing is None:
             return
         if _is_of_scans(track):
@@ -77,19 +86,27 @@ class Association:
         sigma = track.range_sigma or s.range_sigma_m
         sigma = max(sigma, s.range_share * (track.range or 0.0))
         if not self._filter.begun:
+            if self._filter.knows:
+                self.trust.doubt("the camera's person leapt", stamp)
             if track.range is not None:
                 self._start(self._seen(base, stamp, track.range, sigma))
             return
         if self._legs.is_hidden(stamp):
             return  # the box is as likely on whoever stands before the person
         has_legs = stamp - self._legs.seen_at < s.max_track_age_s
+        self._compare(base, stamp, has_legs=has_legs)
         doubt = s.beside_legs if has_legs else 1.0
         fits = self._filter.measure(self._seen(base, stamp, track.range, sigma, doubt))
         if fits and has_legs and track.phase is TrackPhase.CONFIRMED:
             self._tied_at, self._confidence = stamp, track.confidence
+            self.trust.agree(self._legs.middle, stamp)
 
-    def scan(self, clusters: Clusters, base: Pose2) -> None:
-        """Take the legs the current track points at; `base` is `odom_from_base` at the scan."""
+    def scan(self, clusters: Clusters, base: Pose2, points: Array | None = None) -> None:
+        """Take the legs the current track points at; `base` is `odom_from_base` at the scan.
+
+        `points` (N, 2) are the scan's end points in `base`; without them nothing speaks against
+        the camera.
+        """
         self.claimed = ()
         track, stamp = self._track, clusters.stamp
         if track is None:
@@ -99,11 +116,15 @@ class Association:
             return
         s, is_led = self.settings, self._is_led(track, stamp)
         if not is_led and not self.vouches(stamp):
+            if points is not None:
+                self.trust.scan(clusters, points, base, None, NOBODYS)
             return
         is_sure = is_led and track.phase is TrackPhase.CONFIRMED
         if stamp - self._legs.seen_at > s.gap_s:
             self._tied_at = -inf
         legs = self._legs.find(clusters, base, self._expected(base, stamp))
+        if points is not None:
+            self._ask_laser(clusters, points, base, legs)
         if not (is_sure or self._legs.alone):
             self._tied_at = -inf
         if not legs.size:
@@ -118,7 +139,7 @@ class Association:
             self._start(self._seen(base, stamp, distance, sigma))
         else:
             self._filter.measure(Sighting(stamp, base, along, sigma / distance, distance, sigma))
-        if is_sure:
+        if is_sure and self.trust.given:
             self._claim(clusters, legs)
 
     def person(self, stamp: float) -> Person | None:
@@ -134,6 +155,8 @@ class Association:
     def measured(self, base: Pose2, stamp: float) -> Place | None:
         """Where the laser sees the person's legs, or just saw them go behind somebody else's."""
         person = self.person(stamp)
+        if not self.trust.given:
+            return self._not_there(base, stamp)
         is_seen = stamp - self._legs.seen_at <= self.settings.max_track_age_s
         if person is None or not (is_seen or self._legs.is_hidden(stamp)):
             return None
@@ -146,6 +169,10 @@ class Association:
         """
         if track.phase is TrackPhase.LOST or _is_of_scans(track):
             return track
+        if not self.trust.given:
+            track = replace(track, phase=TrackPhase.TENTATIVE)
+        elif track.phase is TrackPhase.CONFIRMED and self._legs.is_hidden(stamp):
+            track = replace(track, phase=TrackPhase.OCCLUDED)  # it is as likely on who hides them
         person = self.person(stamp)
         if person is None:
             bearing = None if track.bearing is None else wrap_angle(self._sight - base.theta)
@@ -166,7 +193,8 @@ class Association:
         """Whether the legs are known to be the person's without the camera."""
         s = self.settings
         return (
-            stamp - self._tied_at <= s.carry_s
+            self.trust.given
+            and stamp - self._tied_at <= s.carry_s
             and stamp - self._legs.seen_at <= s.gap_s
             and self._legs.alone
         )
@@ -188,6 +216,32 @@ class Association:
             by_legs=True,
         )
         return self.located(state, base, stamp)
+
+    def _ask_laser(
+        self, clusters: Clusters, points: Array, base: Pose2, legs: npt.NDArray[np.intp]
+    ) -> None:
+        """Whether what the laser sees bears out the camera."""
+        person, track = self.person(clusters.stamp), self._track
+        claim = None
+        if person is not None and track is not None and track.phase in SEEN:
+            claim = (*person.seen_from(base), person.sigma)
+        self.trust.scan(clusters, points, base, claim, legs)
+
+    def _compare(self, base: Pose2, stamp: float, *, has_legs: bool) -> None:
+        """A camera that goes on looking past the legs follows somebody else."""
+        x, y = self._legs.middle
+        past = hypot(x - base.x, y - base.y) * sin(self._sight - atan2(y - base.y, x - base.x))
+        is_past = has_legs and abs(past) > self.settings.trust.others_m
+        self._looked_past_at = min(self._looked_past_at, stamp) if is_past else inf
+        if stamp - self._looked_past_at > self.settings.trust.past_s:
+            self.trust.doubt("the camera looks past the legs", stamp)
+
+    def _not_there(self, base: Pose2, stamp: float) -> Place | None:
+        """For a tracker that is not believed: where the person was when it last was."""
+        assert self.trust.place is not None
+        x, y = (~base).apply_point(*self.trust.place)
+        refuted = stamp - self.trust.refuted_at <= self.settings.gap_s
+        return Place(hypot(x, y), atan2(y, x), self.trust.reach(stamp), seen=False, refuted=refuted)
 
     def _is_led(self, track: TrackState, stamp: float) -> bool:
         """Whether the camera says where to look for legs."""

@@ -4,7 +4,7 @@ Scan by scan: legs that come in from outside the gate stay somebody else's.
 """
 
 from dataclasses import dataclass
-from math import atan2, dist, hypot, inf, radians
+from math import atan2, dist, hypot, inf, nan, radians
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,8 @@ from pydantic import Field
 from followerd.geometry import Pose2, wrap_angle
 from followerd.messages import Clusters
 from followerd.settings import Settings
+
+LONGEST_STEP = 0.12  # s, over which a leg is known again by its place alone
 
 
 class OwnLegsSettings(Settings):
@@ -26,6 +28,9 @@ class OwnLegsSettings(Settings):
     hides_m: float = Field(0.25, gt=0, description="aside of the line of sight, that still hide")
     others_m: float = Field(1.0, ge=0, description="beyond the reach of the person's own legs")
     leap_m: float = Field(0.15, gt=0, description="farthest that a leg moves between two scans")
+    swing_mps: float = Field(
+        2.5, gt=0, description="or as fast as a leg swings, where they are few"
+    )
     max_hidden_s: float = Field(
         1.0, ge=0, description="behind somebody's legs the person is foreseen, not looked for"
     )
@@ -53,7 +58,17 @@ class OwnLegs:
         self.hidden = False  # by somebody else's legs, in the newest scan
         self.alone = False  # nobody else's were in reach in the newest scan
         self._own: list[tuple[float, float]] = []  # m in `odom`
+        self._leap = 0.0  # m, that a leg has moved at most since the last scan
+        self._scanned_at = -inf  # s
         self._others: list[tuple[float, float]] = []  # m in `odom`, not farther than `others_m`
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """Of the legs found last, in `odom`, m; nan before the first."""
+        n = len(self._own)
+        if not n:
+            return nan, nan
+        return sum(x for x, _ in self._own) / n, sum(y for _, y in self._own) / n
 
     def find(self, clusters: Clusters, base: Pose2, expected: Expected) -> npt.NDArray[np.intp]:
         """The one or two clusters that are the person's legs; `base` is `odom_from_base` then.
@@ -67,6 +82,8 @@ class OwnLegs:
         others: list[tuple[float, float]] = []
         crowd = 0
         self.hidden = False
+        since, self._scanned_at = clusters.stamp - self._scanned_at, clusters.stamp
+        self._leap = max(s.leap_m, s.swing_mps * min(since, LONGEST_STEP))
         if clusters.stamp - self.seen_at > s.max_hidden_s:
             self._others = []
         for k in clusters.leg_like.nonzero()[0].tolist():
@@ -107,7 +124,7 @@ class OwnLegs:
     def _was_anothers(self, point: tuple[float, float], width: float) -> bool:
         """Whether a leg at `point` in odom was somebody else's in the last scan, or touches one."""
         theirs = min((dist(point, other) for other in self._others), default=inf)
-        if theirs > self.settings.leap_m + 0.5 * width:
+        if theirs > self._leap + 0.5 * width:
             return False
         is_several = width > self.settings.leg_width_m
         return is_several or all(dist(point, own) > theirs for own in self._own)

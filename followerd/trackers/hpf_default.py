@@ -91,6 +91,8 @@ class DefaultProfile:
     def expect(self, place: Place | None, camera: Camera) -> None:
         """Another sensor's word on where the person stands in the next image."""
         self._expected = None
+        if place is not None and place.refuted:
+            self._let_go()
         if place is not None:
             x, y = place.distance * cos(place.bearing), place.distance * sin(place.bearing)
             x, y, z = x - camera.x, y - camera.y, -camera.z
@@ -103,6 +105,12 @@ class DefaultProfile:
                 self._expected = Expected(
                     column + 0.5, row + 0.5, place.distance, aside, above, place.seen
                 )
+
+    def _let_go(self) -> None:
+        """Whoever is followed is not the person: look for them as for somebody lost."""
+        self._looks = [0.0, 0.0]
+        self._unsure = max(self._unsure, SEARCH_AFTER)
+        self._appearance.recollect()
 
     def look(self, image: Image, hybrid: HybridFilter, dt: float) -> Sighting:
         """One image; `hybrid` was predicted to it `dt` seconds on."""

@@ -1,0 +1,169 @@
+"""Whether the camera is believed about who the person is, given what the laser saw.
+
+Once the person's legs were known, a track that is lost, that leaps, or that stands where the laser
+sees no legs though nothing hides them, is believed again only together with legs: where the
+person can have walked since, and not where somebody else's stood meanwhile (FAILSAFES F8, F9).
+"""
+
+from math import cos, dist, hypot, inf, sin
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from followerd.geometry import Array, Pose2
+from followerd.messages import Clusters
+from followerd.settings import Settings
+
+
+class TrustSettings(Settings):
+    """What ends trust, and what gives it back."""
+
+    empty_s: float = Field(0.4, gt=0, description="the laser sees through the person's place")
+    bare_s: float = Field(2.0, gt=0, description="it sees something there, but no legs")
+    past_s: float = Field(0.7, gt=0, description="the camera sees somebody beside the legs")
+    laser_m: float = Field(5.0, gt=0, description="farther off legs fall between the beams")
+    beside_m: float = Field(0.45, gt=0, description="of the place, where legs would be")
+    agree_s: float = Field(0.5, gt=0, description="camera and legs agree, before trust returns")
+    gap_s: float = Field(0.25, gt=0, description="longest break in that")
+    walk_mps: float = Field(2.0, gt=0, description="nobody is farther from where they were last")
+    slack_m: float = Field(0.7, gt=0, description="than this speed explains, but for this much")
+    others_m: float = Field(0.7, gt=0, description="from the person's legs: somebody else's")
+    same_m: float = Field(0.35, gt=0, description="from where those stand now: still theirs")
+    off_wall_m: float = Field(
+        0.12, gt=0, description="legs stand before the line of their neighbours"
+    )
+    leap_m: float = Field(0.2, gt=0, description="farthest that those go between two scans")
+    most_doubt_s: float = Field(2.0, gt=0, description="before the tracker is told to look anew")
+
+
+class Trust:
+    """The laser's word on the camera's claim; positions are in `odom`, m."""
+
+    def __init__(self, settings: TrustSettings | None = None) -> None:
+        self.settings = settings or TrustSettings()
+        self.forget()
+
+    def forget(self) -> None:
+        """Another person: believed until the laser has seen legs."""
+        self.given = True
+        self.why = ""  # it is not
+        self.refuted_at = -inf  # s, the camera's claim was last seen to be wrong
+        self.place: tuple[float, float] | None = None  # of the person, when last sure
+        self._sure_at = -inf  # s
+        self._others: Array = np.empty((0, 2))  # leg-like things that are not the person
+        self._against = 0.0  # evidence that nobody is there; 1 suffices
+        self._scanned_at = -inf  # s
+        self._legs_at = -inf  # s, free-standing legs were last found at the camera's place
+        self._agreed_since = self._agreed_at = -inf  # s
+
+    def doubt(self, why: str, stamp: float) -> None:
+        """From now on the camera must be borne out by legs, if they were ever known."""
+        if self.given and self.place is not None:
+            self.given, self.why = False, why
+            self._agreed_at, self.refuted_at = -inf, stamp
+
+    def agree(self, place: tuple[float, float], stamp: float) -> None:
+        """The camera confirms that the legs at `place` are the person's."""
+        s = self.settings
+        if stamp - self._legs_at > s.gap_s:
+            return
+        if self.given:
+            self.place, self._sure_at = place, stamp
+            return
+        if not self._can_be(place, stamp):
+            self._refute(stamp)
+            return
+        if stamp - self._agreed_at > s.gap_s:
+            self._agreed_since = stamp
+        self._agreed_at = stamp
+        if stamp - self._agreed_since >= s.agree_s:
+            self.given, self.why = True, ""
+            self.place, self._sure_at, self._against = place, stamp, 0.0
+
+    def reach(self, stamp: float) -> float:
+        """How far the person can be from `place` by now, m."""
+        return self.settings.slack_m + self.settings.walk_mps * max(0.0, stamp - self._sure_at)
+
+    def scan(
+        self,
+        clusters: Clusters,
+        points: Array,
+        base: Pose2,
+        claim: tuple[float, float, float] | None,
+        found: npt.NDArray[np.intp],
+    ) -> None:
+        """One scan taken at `base`: end points (N, 2) there.
+
+        `claim`: range, bearing and sigma of the place where the camera has the person, if it has;
+        `found` the clusters there that may be legs.
+        """
+        s, stamp = self.settings, clusters.stamp
+        dt, self._scanned_at = min(stamp - self._scanned_at, s.gap_s), stamp
+        legs: Array = base.apply(clusters.centre[clusters.leg_like])
+        own = [k for k in found.tolist() if _stands_free(clusters, k, points, s.off_wall_m)]
+        if own and (self.given or clusters.range[own].min() < s.laser_m):
+            self._legs_at = stamp
+        if self.given and own:
+            middle = base.apply(clusters.centre[own]).mean(axis=0)
+            self._others = legs[np.hypot(*(legs - middle).T) > s.others_m]
+        elif len(self._others) and len(legs):
+            self._follow_others(legs)
+        if own:
+            self._against = 0.0
+        elif claim is not None:
+            self._against += dt * self._speaks_against(points, *claim)
+            if self._against >= 1.0:
+                self.doubt("no legs where the camera has the person", stamp)
+                self._refute(stamp)
+        if not self.given and stamp - self.refuted_at > s.most_doubt_s > 0.0:
+            self._refute(stamp)
+
+    def _refute(self, stamp: float) -> None:
+        self.refuted_at, self._agreed_at, self._against = stamp, -inf, 0.0
+
+    def _can_be(self, place: tuple[float, float], stamp: float) -> bool:
+        """Whether the person can have come to `place`, and nobody else was there before."""
+        if self.place is None or dist(place, self.place) > self.reach(stamp):
+            return False
+        apart = np.hypot(*(self._others - place).T)
+        return not bool((apart < self.settings.same_m).any())
+
+    def _follow_others(self, legs: Array) -> None:
+        """Whoever is not the person stays that while walking from scan to scan."""
+        apart = np.hypot(*(self._others[:, None] - legs[None]).transpose(2, 0, 1))
+        nearest = apart.argmin(axis=1)
+        moved = apart[np.arange(len(apart)), nearest] < self.settings.leap_m
+        self._others[moved] = legs[nearest[moved]]
+
+    def _speaks_against(
+        self, points: Array, distance: float, bearing: float, sigma: float
+    ) -> float:
+        """Evidence per second that nobody stands at a place in `base` where no legs were found."""
+        s = self.settings
+        if distance > s.laser_m:
+            return 0.0
+        along = points @ (cos(bearing), sin(bearing))
+        aside = points @ (-sin(bearing), cos(bearing))
+        returns = along[(np.abs(aside) < s.beside_m) & (along > 0.0)]
+        if returns.size < 2:
+            return 0.0
+        doubt = hypot(2.0 * sigma, s.beside_m)
+        nearest = float(returns.min())
+        if nearest < distance - doubt:
+            return 0.0  # something hides the place
+        return 1.0 / (s.empty_s if nearest > distance + doubt else s.bare_s)
+
+
+def _stands_free(clusters: Clusters, k: int, points: Array, off_m: float) -> bool:
+    """Whether a cluster stands out from its neighbours; a wall seen at a low angle falls apart."""
+    before, after = clusters.first.item(k) - 1, clusters.last.item(k) + 1
+    if before < 0 or after >= len(points):
+        return True
+    a, b = points[before], points[after]
+    along = b - a
+    length = float(np.hypot(*along))
+    if not length > 0.0:  # a neighbour without return is free space
+        return True
+    off = clusters.centre[k] - a
+    return bool(abs(along[0] * off[1] - along[1] * off[0]) > off_m * length)

@@ -1,0 +1,161 @@
+"""Nobody else is ever adopted: what the laser has against the camera's word (FAILSAFES F8, F9)."""
+
+from math import atan2, hypot
+
+import numpy as np
+import pytest
+
+from followerd.estimation.association import Association
+from followerd.geometry import Array, Pose2
+from followerd.messages import Scan, TrackPhase, TrackState
+from followerd.perception.clusters import ClusterSettings, find_clusters
+
+HERE = Pose2()
+ANGLES = np.radians(np.arange(-90.0, 91.0))
+SETTINGS = ClusterSettings()
+
+
+def scan(stamp: float, *legs: tuple[float, float], wall: float = 6.0) -> Scan:
+    """Legs of 6 cm radius before a wall `wall` m ahead, seen once a degree."""
+    ranges = np.where(np.cos(ANGLES) > 0.1, wall / np.maximum(np.cos(ANGLES), 0.1), np.inf)
+    for x, y in legs:
+        off = hypot(x, y) * np.sin(ANGLES - atan2(y, x))
+        hit = (np.abs(off) < 0.06) & (np.cos(ANGLES - atan2(y, x)) > 0)
+        ranges = np.where(hit, np.minimum(ranges, hypot(x, y) - 0.05), ranges)
+    return scanned(stamp, ranges)
+
+
+def scanned(stamp: float, ranges: Array) -> Scan:
+    """Ranges once a degree from the right to the left."""
+    times = np.zeros(ranges.size)
+    return Scan(stamp, stamp, -np.pi / 2, np.radians(1.0), ranges, 30.0, times, HERE)
+
+
+def person(x: float, y: float) -> tuple[tuple[float, float], ...]:
+    return (x, y - 0.12), (x, y + 0.12)
+
+
+class Run:
+    """Camera and laser at 10 Hz."""
+
+    def __init__(self) -> None:
+        self.association = Association()
+        self.now = 0.0
+
+    def go(
+        self,
+        seconds: float,
+        claim: tuple[float, float],
+        *legs: tuple[float, float],
+        phase: TrackPhase = TrackPhase.CONFIRMED,
+        wall: float = 6.0,
+    ) -> TrackPhase:
+        """The phase that the pipeline gets at the end."""
+        seen = phase
+        for _ in range(round(10 * seconds)):
+            self.now += 0.1
+            x, y = claim
+            track = TrackState(
+                self.now, phase, 0.9, 1, bearing=atan2(y, x), range=hypot(x, y), range_sigma=0.15
+            )
+            self.association.see(track, HERE)
+            seen = self.association.located(track, HERE, self.now).phase
+            one = scan(self.now, *legs, wall=wall)
+            points = one.points()
+            self.association.scan(find_clusters(one, points, SETTINGS), HERE, points)
+        return seen
+
+
+def followed() -> Run:
+    run = Run()
+    assert run.go(1.0, (2.0, 0.0), *person(2.0, 0.0)) is TrackPhase.CONFIRMED
+    return run
+
+
+def test_without_legs_ever_the_camera_is_believed() -> None:
+    run = Run()
+    assert run.go(2.0, (2.0, 0.0)) is TrackPhase.CONFIRMED
+    assert run.go(1.0, (2.0, 1.5)) is TrackPhase.CONFIRMED
+
+
+def test_a_track_that_stands_where_the_laser_sees_through_is_doubted_within_half_a_second() -> None:
+    run = followed()
+    assert run.go(0.7, (2.0, 0.0)) is TrackPhase.TENTATIVE
+    assert "no legs" in run.association.trust.why
+    assert run.association.claimed == ()
+
+
+def test_a_track_that_slides_onto_a_wall_is_doubted_after_two_seconds() -> None:
+    run = followed()
+    assert run.go(1.5, (2.0, 0.0), wall=2.1) is TrackPhase.CONFIRMED
+    assert run.go(1.0, (2.0, 0.0), wall=2.1) is TrackPhase.TENTATIVE
+
+
+def test_legs_behind_low_furniture_are_no_reason_to_doubt() -> None:
+    run = followed()
+    assert run.go(4.0, (2.0, 0.0), wall=1.2) is TrackPhase.CONFIRMED
+
+
+def test_a_leap_is_believed_only_with_legs_within_walking_distance() -> None:
+    run = followed()
+    run.go(1.0, (4.0, -3.0), *person(2.0, 0.0))
+    assert not run.association.trust.given
+    assert run.go(1.5, (2.0, 0.0), *person(2.0, 0.0)) is TrackPhase.CONFIRMED
+
+
+def test_whoever_already_stood_there_is_not_the_person() -> None:
+    run = Run()
+    run.go(1.0, (2.0, 0.6), *person(2.0, 0.6), *person(2.2, -0.8))
+    run.go(0.8, (2.0, 0.6), *person(2.2, -0.8))
+    assert run.go(5.0, (2.2, -0.8), *person(2.2, -0.8)) is TrackPhase.TENTATIVE
+    place = run.association.measured(HERE, run.now)
+    assert place is not None
+    assert not place.seen
+
+
+def test_a_person_lost_and_found_is_believed_again_with_their_legs() -> None:
+    run = followed()
+    assert run.go(1.0, (2.0, 0.0), phase=TrackPhase.LOST) is TrackPhase.LOST
+    run.go(0.3, (2.5, 0.9), *person(2.5, 0.9))
+    assert not run.association.trust.given
+    assert run.go(1.0, (2.5, 0.9), *person(2.5, 0.9)) is TrackPhase.CONFIRMED
+
+
+def test_nobody_walks_faster_than_a_person() -> None:
+    run = followed()
+    run.go(0.2, (2.0, 0.0), phase=TrackPhase.LOST)
+    assert run.go(0.9, (4.0, 2.5), *person(4.0, 2.5)) is TrackPhase.TENTATIVE
+
+
+def test_a_refuted_tracker_is_told_to_look_anew() -> None:
+    run = followed()
+    assert run.go(0.7, (2.0, 0.0)) is TrackPhase.TENTATIVE
+    told: list[bool] = []
+    for _ in range(30):
+        run.go(0.1, (2.0, 0.0))
+        place = run.association.measured(HERE, run.now)
+        told.append(place is not None and place.refuted)
+    assert any(told)
+    assert not all(told)
+
+
+@pytest.mark.parametrize("distance", [4.0, 6.0])
+def test_a_wall_seen_at_a_low_angle_is_no_leg(distance: float) -> None:
+    """One beam a cluster, each as narrow as a leg."""
+    run = followed()
+    run.go(0.3, (2.0, 0.0), phase=TrackPhase.LOST)
+    y = -1.2
+    for _ in range(60):
+        run.now += 0.1
+        claim = (distance, y)
+        track = TrackState(
+            run.now, TrackPhase.CONFIRMED, 0.9, 1,
+            bearing=atan2(claim[1], claim[0]), range=hypot(*claim), range_sigma=0.3,
+        )  # fmt: skip
+        run.association.see(track, HERE)
+        angles: Array = np.minimum(ANGLES, -1e-3)
+        ranges = np.where(ANGLES < -0.05, y / np.sin(angles), np.inf)
+        one = scanned(run.now, ranges)
+        points = one.points()
+        run.association.scan(find_clusters(one, points, SETTINGS), HERE, points)
+    assert not run.association.trust.given
