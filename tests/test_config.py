@@ -98,7 +98,7 @@ def test_the_schema_lists_every_section() -> None:
 
 @pytest.mark.parametrize(
     ("baud", "resolution", "limit"),
-    [(500000, 0.5, 0.20), (500000, 1, 0.20), (38400, 1, 0.35)],
+    [(500000, 0.5, 0.20), (500000, 1, 0.20), (38400, 1, 0.26)],
 )
 def test_how_old_a_scan_may_be_follows_from_the_lasers_rate(
     baud: int, resolution: float, limit: float
