@@ -30,7 +30,7 @@ class Freshness:
         }
         self.newest = dict.fromkeys(self.stale_after, -inf)
         self._fresh_since = dict.fromkeys(self.stale_after, inf)
-        self._excused: dict[str, float] = {}  # s by stream, beyond its limit
+        self._limits = self.stale_after.copy()  # s by stream, with what is excused
 
     def saw(self, stream: str, stamp: float, now: float) -> None:
         """A measurement of `stream` from `stamp` arrived."""
@@ -43,15 +43,13 @@ class Freshness:
     def excuse(self, stream: str, seconds: float) -> None:
         """Until told otherwise `stream` may be so much older, at a low speed."""
         if stream in self.newest:
-            self._excused[stream] = seconds
+            self._limits[stream] = self.stale_after[stream] + seconds
 
     def stale(self, now: float) -> tuple[Reason, ...]:
         """Why the robot must stand: every stream that is too old, with its age."""
-        late = [
-            name
-            for name in self.stale_after
-            if self._is_stale(name, now, self._excused.get(name, 0.0))
-        ]
+        newest = self.newest
+        # written so that a NaN is stale
+        late = [name for name, limit in self._limits.items() if not now - newest[name] <= limit]
         return tuple([Reason(STREAMS[name].reason, name, self._age(name, now)) for name in late])
 
     def ageing(self, share: float, now: float) -> tuple[Reason, ...]:
@@ -79,16 +77,12 @@ class Freshness:
 
     def good_until(self) -> float:
         """Loop time at which the first stream goes stale."""
-        return min(
-            [
-                self.newest[name] + limit + self._excused.get(name, 0.0)
-                for name, limit in self.stale_after.items()
-            ]
-        )
+        newest = self.newest
+        return min([newest[name] + limit for name, limit in self._limits.items()])
 
-    def _is_stale(self, name: str, now: float, excused: float = 0.0) -> bool:
-        # written so that a NaN is stale
-        return not now - self.newest[name] <= self.stale_after[name] + excused
+    def _is_stale(self, name: str, now: float) -> bool:
+        # as in `stale`, whatever is excused
+        return not now - self.newest[name] <= self.stale_after[name]
 
     def _age(self, name: str, now: float) -> str:
         age = now - self.newest[name]
