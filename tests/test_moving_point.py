@@ -26,6 +26,19 @@ def mean(point: MovingPoint) -> Array:
     return np.array(point[:4])
 
 
+@given(entries)
+def test_a_point_is_as_unsure_as_the_longest_axis_of_its_ellipse(values: list[float]) -> None:
+    point = a_point(values)
+    longest = np.linalg.eigvalsh(point.covariance[:2, :2])[1]
+    assert point.sigma == pytest.approx(np.sqrt(longest))
+
+
+@given(entries)
+def test_mean_and_covariance_make_the_same_point_again(values: list[float]) -> None:
+    point = a_point(values)
+    assert MovingPoint.of(point[:2], point[2:4], point.covariance) == point
+
+
 @given(entries, st.floats(-0.2, 0.5), st.floats(0.1, 2.0))
 def test_time_passes_as_in_the_textbook(values: list[float], t: float, density: float) -> None:
     point = a_point(values)

@@ -125,6 +125,16 @@ def test_without_noise_and_drift_the_same_scene_gives_the_same_picture() -> None
     assert np.array_equal(one.render(WIDE), one.render(WIDE))
 
 
+def test_who_walks_past_a_standing_robot_leaves_no_trace() -> None:
+    watched, fresh = (world(walker((2.0, -1.0), (2.0, 3.0)), walls=ROOM) for _ in range(2))
+    for time in (0.0, 0.6, 1.2, 1.8):
+        watched.advance(time)
+        picture = watched.still(WIDE)
+    fresh.advance(0.0)
+    fresh.advance(1.8)
+    np.testing.assert_array_equal(picture, fresh.still(WIDE))
+
+
 def test_noise_has_the_given_strength_and_is_never_twice_the_same() -> None:
     noisy = world(person(-3.0, 0.0), walls=ROOM, light=STEADY | {"noise": 5.0})
     clean = world(person(-3.0, 0.0), walls=ROOM).render(WIDE).astype(int)

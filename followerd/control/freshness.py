@@ -35,9 +35,10 @@ class Freshness:
             name: longer.get(name, STREAMS[name].under_way) for name in self.stale_after
         }
         self._coming: set[str] = set()
+        self._excused: dict[str, float] = {}  # s by stream, beyond its limit
         self.newest = dict.fromkeys(self.stale_after, -inf)
         self._fresh_since = dict.fromkeys(self.stale_after, inf)
-        self._excused: dict[str, float] = {}  # s by stream, beyond its limit
+        self._limits = self.stale_after.copy()  # s by stream, with all that is granted it now
 
     def saw(self, stream: str, stamp: float, now: float) -> None:
         """A measurement of `stream` from `stamp` arrived."""
@@ -46,25 +47,27 @@ class Freshness:
         if self._is_stale(stream, now) or self._fresh_since[stream] == inf:
             self._fresh_since[stream] = now
         self.newest[stream] = max(self.newest[stream], stamp)
-        self._coming.discard(stream)
+        if stream in self._coming:
+            self._coming.remove(stream)
+            self._set_limit(stream)
 
     def coming(self, stream: str) -> None:
         """The first bytes of the next measurement are here; on a slow line the rest takes long."""
         if stream in self.newest:
             self._coming.add(stream)
+            self._set_limit(stream)
 
     def excuse(self, stream: str, seconds: float) -> None:
         """Until told otherwise `stream` may be so much older, at a low speed."""
         if stream in self.newest:
             self._excused[stream] = seconds
+            self._set_limit(stream)
 
     def stale(self, now: float) -> tuple[Reason, ...]:
         """Why the robot must stand: every stream that is too old, with its age."""
-        late = [
-            name
-            for name in self.stale_after
-            if self._is_stale(name, now, self._excused.get(name, 0.0))
-        ]
+        newest = self.newest
+        # written so that a NaN is stale
+        late = [name for name, limit in self._limits.items() if not now - newest[name] <= limit]
         return tuple([Reason(STREAMS[name].reason, name, self._age(name, now)) for name in late])
 
     def ageing(self, share: float, now: float) -> tuple[Reason, ...]:
@@ -92,19 +95,18 @@ class Freshness:
 
     def good_until(self) -> float:
         """Loop time at which the first stream goes stale."""
-        return min(
-            [
-                self.newest[name] + self._limit(name) + self._excused.get(name, 0.0)
-                for name in self.stale_after
-            ]
-        )
+        newest = self.newest
+        return min([newest[name] + limit for name, limit in self._limits.items()])
 
-    def _is_stale(self, name: str, now: float, excused: float = 0.0) -> bool:
-        # written so that a NaN is stale
-        return not now - self.newest[name] <= self._limit(name) + excused
+    def _is_stale(self, name: str, now: float) -> bool:
+        # as in `stale`, whatever is excused
+        return not now - self.newest[name] <= self._limit(name)
 
     def _limit(self, name: str) -> float:
         return self.stale_after[name] + (self._under_way[name] if name in self._coming else 0.0)
+
+    def _set_limit(self, name: str) -> None:
+        self._limits[name] = self._limit(name) + self._excused.get(name, 0.0)
 
     def _age(self, name: str, now: float) -> str:
         age = now - self.newest[name]

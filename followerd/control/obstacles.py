@@ -42,6 +42,8 @@ class Echoes:
         self.max_age = max_age
         self.reach = reach
         self._by_disc: dict[int, Echo] = {}
+        self._near: list[Echo] = []
+        self._heard: Array = np.empty((0, 2))  # m in `odom`, where all of `_near` are fresh
 
     def sense(self, odometry: Odometry) -> None:
         """Take the readings of a base report."""
@@ -49,6 +51,8 @@ class Echoes:
             x, y = (odometry.pose @ reading.pose).apply_point(reading.range, 0.0)
             ahead = cos(reading.pose.theta)
             self._by_disc[reading.disc] = Echo(odometry.stamp, ahead, x, y, reading.range)
+        self._near = [e for e in self._by_disc.values() if e.range < self.reach]
+        self._heard = np.array([(e.x, e.y) for e in self._near]).reshape(-1, 2)
 
     def along(self, v: float, now: float) -> list[float]:
         """Ranges of the fresh discs that look where the robot goes at speed `v`, m."""
@@ -58,12 +62,11 @@ class Echoes:
 
     def obstacles(self, base: Pose2, margin: float, now: float) -> Obstacles:
         """Fresh echoes within reach, each owed `margin` m; the robot is at `odom_from_base`."""
-        near = [e for e in self._by_disc.values() if e.range < self.reach]
-        heard = [(e.x, e.y) for e in near if self._is_fresh(e, now)]
-        if not heard:
+        fresh = [self._is_fresh(echo, now) for echo in self._near]
+        heard = self._heard if all(fresh) else self._heard[fresh]
+        if not heard.size:
             return NOTHING
-        points = np.array(heard)
-        return Obstacles((~base).apply(points), np.full(len(heard), margin))
+        return Obstacles((~base).apply(heard), np.full(len(heard), margin))
 
     def _is_fresh(self, echo: Echo, now: float) -> bool:
         return 0.0 <= now - echo.stamp <= self.max_age

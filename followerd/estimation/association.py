@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
+from followerd.estimation.moving_point import MovingPoint
 from followerd.estimation.own_legs import Expected, OwnLegs, OwnLegsSettings
 from followerd.estimation.ranging import Person, Ranging, RangingSettings, Sighting
 from followerd.estimation.trust import Trust, TrustSettings
@@ -129,9 +130,10 @@ class Association:
             self._tied_at = -inf
         if not legs.size:
             return
-        middle = clusters.centre[legs].mean(axis=0)
-        distance = hypot(*middle) + s.legs.leg_radius_m
-        direction = atan2(middle[1], middle[0])
+        xs, ys = clusters.centre[legs].T.tolist()
+        x, y = sum(xs) / len(xs), sum(ys) / len(ys)
+        distance = hypot(x, y) + s.legs.leg_radius_m
+        direction = atan2(y, x)
         along = wrap_angle(base.theta + direction)
         sigma = s.legs_sigma_m if legs.size == 2 else s.leg_sigma_m
         if not self._filter.knows:
@@ -267,7 +269,8 @@ class Association:
         P: Array = np.diag([0.0, 0.0, STEADY**2, STEADY**2])
         n = len(track.covariance)
         P[:n, :n] = track.covariance
-        self._filter.place(Person(track.position, track.velocity or (0.0, 0.0), P), track.stamp)
+        state = MovingPoint.of(track.position, track.velocity or (0.0, 0.0), P)
+        self._filter.place(state, track.stamp)
 
     def _claim_body(self, track: TrackState, clusters: Clusters, base: Pose2) -> None:
         """The legs at the place where a tracker of scans has the person."""

@@ -5,6 +5,7 @@ the ten different elements are kept, each named by the two states it belongs to.
 a fraction of the time of 4 x 4 matrices. Checked against matrices in the tests.
 """
 
+from math import hypot, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +30,21 @@ class MovingPoint(NamedTuple):
     uu: float
     uv: float
     vv: float
+
+    @classmethod
+    def of(
+        cls, place: tuple[float, float], velocity: tuple[float, float], covariance: Array
+    ) -> "MovingPoint":
+        """With a covariance (4, 4) of (x, y, u, v)."""
+        upper = covariance[np.triu_indices(4)].tolist()
+        xx, xy, xu, xv, yy, yu, yv, uu, uv, vv = upper
+        return cls(*place, *velocity, xx, xy, yy, xu, xv, yu, yv, uu, uv, vv)
+
+    @property
+    def sigma(self) -> float:
+        """Largest standard deviation of the place, m."""
+        mean, half = 0.5 * (self.xx + self.yy), 0.5 * (self.xx - self.yy)
+        return sqrt(max(0.0, mean + hypot(half, self.xy)))
 
     @property
     def covariance(self) -> Array:

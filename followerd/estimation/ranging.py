@@ -6,9 +6,8 @@ one scalar at a time, so that either half may be missing.
 """
 
 from dataclasses import dataclass
-from math import atan2, cos, hypot, inf, nan, sin, sqrt
+from math import atan2, cos, hypot, inf, nan, sin
 
-import numpy as np
 from pydantic import Field
 
 from followerd.estimation.moving_point import MovingPoint
@@ -43,16 +42,23 @@ class Sighting:
 class Person:
     """Where the followed person is, in `odom`."""
 
-    position: tuple[float, float]  # m
-    velocity: tuple[float, float]  # m/s
-    covariance: Array  # (4, 4)
+    state: MovingPoint
+    sigma: float  # m, largest standard deviation of the position
 
     @property
-    def sigma(self) -> float:
-        """Largest standard deviation of the position, m."""
-        P = self.covariance
-        a, b, c = P.item(0, 0), P.item(0, 1), P.item(1, 1)
-        return sqrt(max(0.0, 0.5 * (a + c) + hypot(0.5 * (a - c), b)))
+    def position(self) -> tuple[float, float]:
+        """In m."""
+        return self.state[:2]
+
+    @property
+    def velocity(self) -> tuple[float, float]:
+        """In m/s."""
+        return self.state[2:4]
+
+    @property
+    def covariance(self) -> Array:
+        """Of both, (4, 4)."""
+        return self.state.covariance
 
     def seen_from(self, base: Pose2) -> tuple[float, float]:
         """Range in m and bearing in rad from the robot at `odom_from_base`."""
@@ -96,17 +102,14 @@ class Ranging:
             return None
         if stamp != self._foreseen_at:
             then = state.after(stamp - self._stamp, self.settings.accel_density)
-            person = Person(then[:2], then[2:4], then.covariance)
-            self._foreseen = person if person.sigma <= self.settings.max_sigma_m else None
+            sigma = then.sigma
+            self._foreseen = Person(then, sigma) if sigma <= self.settings.max_sigma_m else None
             self._foreseen_at = stamp
         return self._foreseen
 
-    def place(self, person: Person, stamp: float) -> None:
+    def place(self, state: MovingPoint, stamp: float) -> None:
         """Take what another filter says of the person at `stamp`."""
-        upper = person.covariance[np.triu_indices(4)].tolist()
-        xx, xy, xu, xv, yy, yu, yv, uu, uv, vv = upper
-        elements = xx, xy, yy, xu, xv, yu, yv, uu, uv, vv
-        self._state = MovingPoint(*person.position, *person.velocity, *elements)
+        self._state = state
         self._stamp, self._foreseen_at, self._rejected = stamp, nan, 0
 
     def start(self, seen: Sighting, across_sigma: float) -> None:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import groupby
 from math import hypot, log2
 from typing import Literal, NamedTuple
@@ -140,13 +140,7 @@ class Canvas:
         self.width, self.height = camera.width, camera.height
         self.pixels: Pixels = np.zeros((camera.height, camera.width, 4), np.uint8)
         self.inverse_depth: Map = np.zeros((camera.height, camera.width), np.float32)
-        self._columns = np.arange(camera.width, dtype=np.float32)
-        self._rows = np.arange(camera.height, dtype=np.float32)[:, None]
-        w, h = camera.width, camera.height
-        # a x + b y + c z >= d for what is in view, of homogeneous pixels
-        self._planes = np.array(
-            [(0, 0, 1, NEAR), (1, 0, 0, 0), (-1, 0, w, 0), (0, 1, 0, 0), (0, -1, h, 0)], float
-        )
+        self._columns, self._rows, self._planes = _frame(camera.width, camera.height)
 
     def copy(self) -> "Canvas":
         """The same picture, to be drawn on."""
@@ -195,8 +189,8 @@ class Canvas:
         if left >= right or top >= bottom:
             return
         mask = np.zeros((bottom - top, right - left), np.uint8)
-        fixed = np.array([(round(16 * (x - left)), round(16 * (y - top))) for x, y in points])
-        cv2.fillConvexPoly(mask, fixed.astype(np.int32), 1, cv2.LINE_8, 4)
+        fixed = [(round(16 * (x - left)), round(16 * (y - top))) for x, y in points]
+        cv2.fillConvexPoly(mask, np.array(fixed, np.int32), 1, cv2.LINE_8, 4)
         a, b, c = metres[2].tolist()
         behind = self.inverse_depth[top:bottom, left:right]
         inverse = (self._rows[top:bottom] * b + c) + self._columns[left:right] * a
@@ -298,6 +292,17 @@ def flatten(parts: list[Part], view: View, width: int, height: int) -> list[Flat
             flat.append(FlatPart(part, area, near, (x, y), (dx, dy), (hx, hy)))
     flat.sort(key=lambda f: f.inverse_depth)
     return flat
+
+
+@lru_cache(maxsize=4)
+def _frame(width: int, height: int) -> tuple[Map, Map, Array]:
+    """Columns (W,), rows (H, 1), and what is in view: a x + b y + c z >= d (5, 4).
+
+    The latter of homogeneous pixels (x, y, z).
+    """
+    planes = [(0, 0, 1, NEAR), (1, 0, 0, 0), (-1, 0, width, 0), (0, 1, 0, 0), (0, -1, height, 0)]
+    columns, rows = np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)
+    return columns, rows[:, None], np.array(planes, float)
 
 
 def _strips(area: Rectangle, axis: int) -> Iterator[Rectangle]:

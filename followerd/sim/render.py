@@ -47,6 +47,7 @@ class Shot:
 
 
 Draw = Callable[[Shot, float], Pixels]  # as Renderer.colour
+Standpoint = tuple[Camera, Pose2, Spectrum]
 
 
 class Renderer:
@@ -70,7 +71,8 @@ class Renderer:
         self._drift, self._lit_at = 0.0, 0.0
         self._gain = None if scenario.auto_gain is None else Gain(scenario.auto_gain, rng)
         self._noise: dict[tuple[int, int, int], tuple[Pixels, Pixels]] = {}
-        self._empty: tuple[tuple[Camera, Pose2, Spectrum], Canvas] | None = None
+        self._seen_from: Standpoint | None = None  # in the last picture
+        self._empty: tuple[Standpoint, Canvas] | None = None
         self._last: tuple[Shot, Canvas] | None = None
 
     def colour(self, shot: Shot, omega: float) -> Pixels:
@@ -125,7 +127,7 @@ class Renderer:
     def _draw(self, shot: Shot, spectrum: Spectrum) -> Canvas:
         """The scene in still, even light."""
         view = View(shot.camera, shot.pose)
-        canvas = self._building(shot, view, spectrum).copy()
+        canvas = self._building(shot, view, spectrum)
         seen = self._in_view(shot, view, canvas)
         if spectrum == "colour":
             canvas.draw_parts([self._spot(motion, view) for _, motion in seen], view, spectrum)
@@ -134,14 +136,17 @@ class Renderer:
         return canvas
 
     def _building(self, shot: Shot, view: View, spectrum: Spectrum) -> Canvas:
-        """The scene without walkers; drawn once as long as the robot stands."""
+        """The scene without walkers, to be drawn on; while the robot stands a copy will do."""
         key = shot.camera, shot.pose, spectrum
-        if self._empty is None or self._empty[0] != key:
-            canvas = Canvas(shot.camera)
-            canvas.draw_sheets(self._sheets, view, spectrum)
-            canvas.draw_parts(self._columns, view, spectrum)
-            self._empty = key, canvas
-        return self._empty[1]
+        if self._empty is not None and self._empty[0] == key:
+            return self._empty[1].copy()
+        canvas = Canvas(shot.camera)
+        canvas.draw_sheets(self._sheets, view, spectrum)
+        canvas.draw_parts(self._columns, view, spectrum)
+        stands, self._seen_from = key == self._seen_from, key
+        if stands:
+            self._empty = key, canvas.copy()
+        return canvas
 
     def _in_view(self, shot: Shot, view: View, canvas: Canvas) -> list[tuple[int, Motion]]:
         """The walkers that may be seen, the farthest first."""

@@ -159,8 +159,11 @@ class World:
 
     def _is_pressed(self, v: float) -> bool:
         """Whether moving at speed `v` presses against something touched."""
+        touched = self._contacts()
+        if not touched:
+            return False
         ahead_x, ahead_y = v * cos(self.pose.theta), v * sin(self.pose.theta)
-        return any(ahead_x * x + ahead_y * y > 0.05 * abs(v) for x, y in self._contacts())
+        return any(ahead_x * x + ahead_y * y > 0.05 * abs(v) for x, y in touched)
 
     def _contacts(self) -> list[tuple[float, float]]:
         """Unit vectors (world) to everything the footprint touches."""

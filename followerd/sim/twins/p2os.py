@@ -116,7 +116,8 @@ class P2osTwin:
             return now
         due = min(self._next_sip, self._baud_trial_ends)
         for port in self._aux.values():
-            due = min(due, port.wake_at())
+            if port.device is not None:
+                due = min(due, port.wake_at())
         if self.is_connected and not self.is_held:
             due = min(due, self._last_command + self._watchdog)
         return due if self.chassis.is_steady(self.is_held) else min(due, now + TICK)
