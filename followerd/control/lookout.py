@@ -32,7 +32,7 @@ class LookoutSettings(Settings):
     worth_m: float = Field(6.0, gt=0, description="of way: to see all of it instead of nothing")
     way: float = Field(0.3, ge=0, description="a metre of it")
     turn_m: float = Field(0.2, ge=0, description="of way: to turn by a radian before")
-    nearest_m: float = Field(1.1, gt=0, description="a place is no nearer to the person")
+    nearest_m: float = Field(1.1, gt=0, description="a place is no nearer to their walk")
     close_m: float = Field(1.8, gt=0, description="kept of a person who may soon be hidden")
     far: float = Field(0.7, ge=0, description="of way: to end a metre off that distance")
     roomy_m: float = Field(0.9, gt=0, description="off all returns the guard lets it go anywhere")
@@ -109,15 +109,15 @@ def lookout(
     rays = np.column_stack([np.cos(angles), np.sin(angles)])
     rings = [here + ring * rays for ring in RINGS]
     places = np.concatenate([here[None], *rings, [ground.here if last is None else last]])
-    off = np.hypot(*(places - person).T)
-    fits = ground.is_open(here, places, ground.narrow) & (off > s.nearest_m)
+    course = np.concatenate([[person], spots.mean(axis=1)])
+    off = np.hypot(*(places[:, None] - course).transpose(2, 0, 1))  # (N, T + 1)
+    fits = ground.is_open(here, places, ground.narrow) & (off.min(axis=1) > s.nearest_m)
     fits[0] = True
     kept = last is not None and bool(fits[-1])
-    places = places[fits]
+    places, off = places[fits], off[fits, off.shape[1] // 2]
     way = places - here
     turns = np.abs(np.angle((way[:, 0] + 1j * way[:, 1]) * np.exp(-1j * heading)))
     turns[0] = 0.0
-    off = np.hypot(*(places - spots[len(spots) // 2].mean(axis=0)).T)
     hidden = unseen(ground, places, spots, heading, s)
     cost = s.worth_m * hidden
     cost += s.way * np.hypot(*way.T) + s.turn_m * turns + s.far * np.abs(off - s.close_m)
