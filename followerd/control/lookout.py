@@ -26,27 +26,27 @@ SLOWEST = 0.1  # m/s, of a person who may walk
 
 
 class LookoutSettings(Settings):
-    """What a good view is worth."""
+    """What is looked at, and what a place costs."""
 
     horizon_s: float = Field(4.0, gt=0, description="where the person may be by then is looked at")
-    worth_m: float = Field(6.0, gt=0, description="of way: to see all of it instead of nothing")
-    way: float = Field(0.3, ge=0, description="a metre of it")
-    turn_m: float = Field(0.2, ge=0, description="of way: to turn by a radian before")
-    nearest_m: float = Field(1.1, gt=0, description="a place is no nearer to the person")
-    close_m: float = Field(1.8, gt=0, description="kept of a person who may soon be hidden")
-    far: float = Field(0.7, ge=0, description="of way: to end a metre off that distance")
-    roomy_m: float = Field(0.9, gt=0, description="off all returns the guard lets it go anywhere")
-    tight: float = Field(3.0, ge=0, description="of way: to end a metre nearer to one")
-    stay_share: float = Field(0.5, ge=0, le=1, description="of them unseen: it goes to the person")
-    gain_m: float = Field(0.15, ge=0, description="what a place must be better than the present")
-    keep_m: float = Field(0.3, ge=0, description="what another must be better than the last one")
-    field_deg: float = Field(87.0, gt=0, le=180, description="what is farther aside is not seen")
-    speed_mps: float = Field(0.5, gt=0, description="at which the robot gets there")
+    speed_mps: float = Field(0.5, gt=0, description="at which the robot gets to a place")
     turn_radps: float = Field(1.0, gt=0, description="and turns there")
+    field_deg: float = Field(87.0, gt=0, le=180, description="what is farther aside is not seen")
+    nearest_m: float = Field(1.1, gt=0, description="a place is no nearer to their walk")
+    close_m: float = Field(1.8, gt=0, description="kept of a person who may soon be hidden")
+    roomy_m: float = Field(0.9, gt=0, description="off all returns the guard lets it go anywhere")
+    unseen_cost: float = Field(6.0, gt=0, description="to see nothing of where they may be")
+    way_cost_per_m: float = Field(0.3, ge=0)
+    turn_cost_per_rad: float = Field(0.2, ge=0, description="before it can set out")
+    far_cost_per_m: float = Field(0.7, ge=0, description="nearer or farther than `close_m`")
+    tight_cost_per_m: float = Field(3.0, ge=0, description="nearer to a return than `roomy_m`")
+    gain: float = Field(0.15, ge=0, description="cost that a place must save")
+    keep: float = Field(0.3, ge=0, description="cost that another must save over the last one")
+    stay_share: float = Field(0.5, ge=0, le=1, description="if more is unseen it goes to them")
 
 
 def walks(ground: Ground, person: Point, velocity: Point, sigma: float, horizon: float) -> Array:
-    """Where the person may be (LOOKS, M, 2), step by step until `horizon`, s."""
+    """Where the person, known to `sigma` m, may be (LOOKS, M, 2), until `horizon`, s."""
     speed = max(hypot(*velocity), SLOWEST)
     heading = atan2(velocity[1], velocity[0])
     along = np.array([0.0] if sigma < BODY else [-0.7 * sigma, 0.0, 0.7 * sigma])
@@ -99,7 +99,8 @@ def lookout(
     ground: Ground, person: Point, spots: Array, heading: float, last: Point | None,
     settings: LookoutSettings,
 ) -> Point | None:  # fmt: skip
-    """The better place than the present one to see `spots` (T, M, 2) from; None if there is none.
+    """The best place to see `spots` (T, M, 2) from, perhaps the present one; None where nearly
+    nothing can be seen from any.
 
     The robot looks along `heading`, the person is in sight or not; `last` is the place that was
     chosen before.
@@ -109,23 +110,24 @@ def lookout(
     rays = np.column_stack([np.cos(angles), np.sin(angles)])
     rings = [here + ring * rays for ring in RINGS]
     places = np.concatenate([here[None], *rings, [ground.here if last is None else last]])
-    off = np.hypot(*(places - person).T)
-    fits = ground.is_open(here, places, ground.narrow) & (off > s.nearest_m)
+    course = np.concatenate([[person], spots.mean(axis=1)])
+    off = np.hypot(*(places[:, None] - course).transpose(2, 0, 1))  # (N, T + 1)
+    fits = ground.is_open(here, places, ground.narrow) & (off.min(axis=1) > s.nearest_m)
     fits[0] = True
     kept = last is not None and bool(fits[-1])
-    places = places[fits]
+    places, off = places[fits], off[fits, off.shape[1] // 2]
     way = places - here
     turns = np.abs(np.angle((way[:, 0] + 1j * way[:, 1]) * np.exp(-1j * heading)))
     turns[0] = 0.0
-    off = np.hypot(*(places - spots[len(spots) // 2].mean(axis=0)).T)
     hidden = unseen(ground, places, spots, heading, s)
-    cost = s.worth_m * hidden
-    cost += s.way * np.hypot(*way.T) + s.turn_m * turns + s.far * np.abs(off - s.close_m)
-    cost += s.tight * np.maximum(s.roomy_m - ground.room(places), 0.0)
+    cost = s.unseen_cost * hidden
+    cost += s.way_cost_per_m * np.hypot(*way.T) + s.turn_cost_per_rad * turns
+    cost += s.far_cost_per_m * np.abs(off - s.close_m)
+    cost += s.tight_cost_per_m * np.maximum(s.roomy_m - ground.room(places), 0.0)
     if kept:
-        cost[-1] -= s.keep_m
+        cost[-1] -= s.keep
     best = int(cost.argmin())
-    if cost[best] > cost[0] - s.gain_m:
+    if cost[best] > cost[0] - s.gain:
         return ground.here if hidden[0] < s.stay_share else None
     x, y = places[best].tolist()
     return x, y
