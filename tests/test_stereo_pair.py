@@ -2,18 +2,18 @@
 
 from dataclasses import replace
 from math import radians, sin
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
 from followerd import app
-from followerd.bench.closed_loop import simulate
-from followerd.bench.looks import looks
+from followerd.bench.kwolek_follow import Job, run
 from followerd.config import load
 from followerd.geometry import Camera
 from followerd.hw.camera.rectification import Matcher, Rectification, StereoGeometry
-from followerd.messages import Decision, Mode, Pixels
+from followerd.messages import Pixels
 from followerd.resources import shipped
 from followerd.sim import scenarios
 from followerd.sim.stereo_pair import PairGeometry, StereoPair
@@ -113,14 +113,13 @@ def test_a_matcher_that_gets_both_pictures_errs_as_the_twin_does() -> None:
 
 
 @pytest.mark.slow
-def test_a_robot_with_a_stereo_pair_follows_a_face() -> None:
-    config = load("head-stereo-sim", {"seed": 4, "sim.scenario": "hall-face-to-face"})
-    rig = app.rig(config)
-    decisions: list[Decision] = []
-    simulate(config, 12.0, lambda d: d.decision_watchers.append(decisions.append), world=rig)
-    tracked = looks(rig.truths, decisions)
-    start = next(k for k, look in enumerate(tracked) if look.mode is Mode.FOLLOWING)
-    followed = tracked[start:]
-    assert all(look.on_target for look in followed)
-    off = [look.truth.target.distance - 1.6 for look in followed[len(followed) // 2 :]]
-    assert float(np.sqrt(np.mean(np.square(off)))) < 0.3
+def test_a_robot_with_a_stereo_pair_follows_a_face_and_knows_where_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    figures = run(Job("office", "head/default", 0.25, 4, 15.0))
+    assert figures["lost_percent"] == 0.0
+    assert figures["range_rms_m"] is not None
+    assert figures["range_rms_m"] < 0.3
+    assert figures["pose_error_cm"] is not None
+    assert figures["pose_error_cm"] < 10.0
