@@ -48,6 +48,7 @@ from followerd.runtime.shadows import Shadows
 from followerd.sim import scenarios
 from followerd.sim.faults import Fault
 from followerd.sim.rig import Equipment, Rig
+from followerd.sim.stereo_pair import PairGeometry
 from followerd.sim.survey import surveyed
 from followerd.streams import STREAMS
 from followerd.trackers.interfaces import MapTracker, Tracker
@@ -286,6 +287,7 @@ def equipment(config: Config) -> Equipment:
         camera.rate_hz,
         camera.sees,
         config.camera.kind == "kinect",
+        _pair(camera),
         getattr(config.ptz, "model", None) or DEFAULT_HEAD,
         getattr(config.ptz, "baud", None) or BAUD,
         config.ptz is not None and config.ptz.link == AUX,
@@ -299,6 +301,17 @@ def _laser(config: Config) -> Lms200Settings:
 def _camera(config: Config) -> CameraSettings:
     kind: type[CameraSettings] = DRIVERS.load(config.camera.kind).Settings
     return kind.model_validate(config.camera.model_dump(exclude={"kind", "link"}))
+
+
+def _pair(camera: CameraSettings) -> PairGeometry | None:
+    """How a stereo camera's twin is built."""
+    if camera.sees != "depth":
+        return None
+    from followerd.hw.camera.stereo import StereoSettings  # few configs need its library
+
+    if not isinstance(camera, StereoSettings):
+        return None
+    return PairGeometry(camera.rectification.baseline, camera.nearest_m, camera.shrink)
 
 
 async def live(

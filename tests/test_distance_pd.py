@@ -1,6 +1,6 @@
 """Kwolek's PD law: continuous zones, damping, and a camera that may look back."""
 
-from math import pi, radians
+from math import atan2, cos, degrees, hypot, pi, radians, sin
 
 import pytest
 from hypothesis import given
@@ -80,3 +80,44 @@ def test_a_camera_that_looks_back_flips_the_speed_and_nothing_else(
 def test_it_is_found_by_its_name() -> None:
     found = CONTROLLERS.load("distance_pd")(DistancePdSettings())
     assert found.wish(Target(0.0, 1.6), STANDING) == Twist()
+
+
+def led(speed: float, **changes: object) -> tuple[list[float], list[float]]:
+    """A robot leads somebody who walks along x whatever it does, and begins 0.3 m beside them.
+
+    How far aside it is from their way, as they see it, and how far the camera looks past them, deg.
+    """
+    follow = law(mount_yaw_deg=180, max_retreat_mps=0.8, **changes)
+    pose, v, omega = Pose2(1.6, 0.3), 0.0, 0.0
+    aside, off = [], []
+    for k in range(800):
+        now = 0.05 * k
+        away = (~pose).apply_point(speed * now, 0.0)
+        bearing, c, s = atan2(away[1], away[0]), cos(pose.theta), sin(pose.theta)
+        target = Target(bearing, hypot(*away), (c * speed, -s * speed))
+        wish = follow.wish(target, Scene(now, pose, Twist(v, omega)))
+        v, omega = v + (wish.v - v) / 6.0, omega + (wish.omega - omega) / 6.0
+        pose = pose @ Pose2(0.05 * v, 0.0, 0.05 * omega)
+        aside.append(abs(degrees(atan2(pose.y, pose.x - speed * now))))
+        off.append(abs(degrees(wrap_angle(bearing - pi))))
+    return aside, off
+
+
+@pytest.mark.parametrize("speed", [0.15, 0.25, 0.4, 0.6, 0.75])
+def test_a_robot_that_leads_stays_before_a_person_who_ignores_it(speed: float) -> None:
+    aside, off = led(speed)
+    assert aside[0] > 10.0
+    assert max(aside[400:]) < 4.0
+    assert max(off[100:]) < 26.0
+
+
+def test_without_turning_back_it_ends_beside_them() -> None:
+    aside, _ = led(0.6, ahead=0.0)
+    assert max(aside[400:]) > 90.0
+
+
+def test_who_walks_away_or_stands_is_looked_at_straight() -> None:
+    seeking, plain = law(), law(ahead=0.0)
+    for velocity in ((0.4, 0.2), (-0.05, 0.1)):
+        target = Target(0.0, 1.6, velocity)
+        assert seeking.wish(target, STANDING) == plain.wish(target, STANDING)

@@ -67,7 +67,7 @@ def test_the_fastest_speed_is_that_before_the_first_loss() -> None:
     assert max_speed([(0.2, bad)]) == 0.0
 
 
-@pytest.mark.parametrize("name", ["head-sim", "head-leading-sim"])
+@pytest.mark.parametrize("name", ["head-sim", "head-leading-sim", "head-stereo-sim"])
 def test_the_shipped_configs_go_together(name: str) -> None:
     app.verify(load(name))
 

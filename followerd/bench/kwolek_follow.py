@@ -1,7 +1,8 @@
 """The closed loop of suite `kwolek`: how fast a person may walk before the robot loses their face.
 
 The whole daemon in virtual time; in `E3` a person walks backward before the robot, in `E3-leading`
-behind a robot that looks back.
+behind a robot that looks back. In `office` the robot has a stereo pair and finds itself on the
+map while it follows round the furniture.
 """
 
 from collections.abc import Sequence
@@ -16,6 +17,7 @@ from matplotlib.figure import Figure
 from followerd import app
 from followerd.bench.closed_loop import simulate
 from followerd.bench.looks import looks
+from followerd.bench.pose_scores import localization_figures
 from followerd.bench.report import Report
 from followerd.bench.rows import Row, mean_row
 from followerd.bench.sweep import sweep
@@ -30,8 +32,13 @@ from followerd.sim.scenarios import Scenario
 WORLDS = {
     "E3": ("head-sim", "hall-face-to-face"),
     "E3-leading": ("head-leading-sim", "hall-leading"),
+    "office": ("head-stereo-sim", "face-to-face"),
 }
-SPEEDS = {"E3": (0.1, 0.25, 0.4, 0.5, 0.6, 0.7), "E3-leading": (0.1, 0.25)}  # m/s, of the person
+SPEEDS = {  # m/s, of the person
+    "E3": (0.1, 0.25, 0.4, 0.5, 0.6, 0.7, 0.8),
+    "E3-leading": (0.1, 0.25, 0.4, 0.6),
+    "office": (0.1, 0.25),
+}
 FIRST_SEED = 4000
 MOST_SEEDS = 4  # each seed is a run at every speed
 DURATION, QUICK_DURATION = 35.0, 12.0  # s
@@ -39,6 +46,7 @@ REFERENCE = 1.6  # m
 SETTLED = 3.0  # s after the robot has begun to follow
 LOST = 1.0  # percent of the time, that may be lost
 UNITS = {"lost_percent": "%", "range_rms_m": "m", "bearing_rms_deg": "deg"}
+ON_A_MAP = {"office": {"pose_error_cm": "cm"}}
 PAPER_SPEED = 0.25  # m/s
 
 
@@ -54,6 +62,9 @@ class Job:
 
 
 Figures = dict[str, float | None]
+NEVER_FOLLOWED: Figures = {
+    "lost_percent": 100.0, "range_rms_m": None, "bearing_rms_deg": None, "pose_error_cm": None,
+}  # fmt: skip
 
 
 def suite(executor: Executor, seeds: int, quick: bool) -> Report:
@@ -92,15 +103,17 @@ def run(job: Job) -> Figures:
     back = pi if job.scenario == "E3-leading" else 0.0
     tracked = seen[start:]
     if not tracked:
-        return {"lost_percent": 100.0, "range_rms_m": None, "bearing_rms_deg": None}
+        return NEVER_FOLLOWED
     begun = tracked[0].truth.stamp + SETTLED
     actors = [look.truth.target for look in tracked if look.truth.stamp > begun]
     off = np.array([actor.distance - REFERENCE for actor in actors])
     aside = np.degrees([wrap_angle(actor.bearing - back) for actor in actors])
+    away = localization_figures(rig.truths, decisions)["position_error_mean_m"]
     return {
         "lost_percent": 100.0 * float(np.mean([not look.on_target for look in tracked])),
         "range_rms_m": _rms(off),
         "bearing_rms_deg": _rms(aside),
+        "pose_error_cm": None if away is None else 100.0 * away,
     }
 
 
@@ -119,7 +132,7 @@ def rows(runs: Sequence[tuple[Job, Figures]]) -> list[Row]:
         mine = [(j, f) for j, f in runs if (j.scenario, j.tracker) == (scenario, tracker)]
         speeds = list(dict.fromkeys(job.speed for job, _ in mine))
         for speed in speeds:
-            for metric, unit in UNITS.items():
+            for metric, unit in (UNITS | ON_A_MAP.get(scenario, {})).items():
                 values = [f[metric] for job, f in mine if job.speed == speed]
                 name = f"{scenario}-{speed:g}"
                 result.append(mean_row("kwolek", name, tracker, metric, unit, values))

@@ -40,7 +40,7 @@ class FieldSettings(Settings):
     beams: int = Field(100, ge=10, description="of a scan, evenly chosen of those with an echo")
     sigma_m: float = Field(0.07, gt=0, description="deviation of an echo from the map's wall")
     stray_share: float = Field(0.2, gt=0, lt=1, description="echoes from what is not on the map")
-    trust: float = Field(0.35, gt=0, le=1, description="exponent: neighbouring beams err alike")
+    trust: float = Field(0.42, gt=0, le=1, description="exponent: neighbouring beams err alike")
     max_range_m: float = Field(30.0, gt=0, description="farther echoes are not used")
     near_m: float = Field(0.15, gt=0, description="from a wall, of an echo that the map explains")
 

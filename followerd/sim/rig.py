@@ -16,6 +16,7 @@ from followerd.hw.vcc50i.protocol import well_formed
 from followerd.sim.faults import DEVICES, Fault
 from followerd.sim.line import Line
 from followerd.sim.scenarios import Scenario
+from followerd.sim.stereo_pair import PairGeometry, StereoPair
 from followerd.sim.structured_light import StructuredLight
 from followerd.sim.truth import Truth
 from followerd.sim.twins.camera import CameraTwin, Sight
@@ -40,15 +41,19 @@ class Equipment:
     camera: Camera
     camera_rate: float  # Hz
     camera_sees: Sees = "colour"
-    camera_structured_light: bool = False  # its depth is a Kinect's, else it is exact
+    camera_structured_light: bool = False  # its depth is a Kinect's
+    camera_pair: PairGeometry | None = None  # its depth is a stereo pair's; else it is exact
     ptz_model: str = "vc-c50i"
     ptz_baud: int = 9600
     ptz_on_aux: bool = False  # of the base; else it has a line of its own
 
 
-def _sight(world: World, sees: Sees, light: StructuredLight | None) -> Sight:
-    if light is not None:
-        return Sight(light.of(world), depth=True)
+def _sight(world: World, equipment: Equipment, rng: np.random.Generator) -> Sight:
+    sees = equipment.camera_sees
+    if equipment.camera_structured_light:
+        return Sight(StructuredLight(rng).of(world), depth=True)
+    if equipment.camera_pair is not None:
+        return Sight(StereoPair(equipment.camera_pair, rng).of(world), depth=True)
     if sees == "thermal":
         return Sight(lambda camera: (world.thermal(camera), None), channels=1)
     if sees == "depth":
@@ -92,11 +97,7 @@ class Rig:
             camera_rng,
             of["camera"],
             self.head.aimed,
-            _sight(
-                self.world,
-                equipment.camera_sees,
-                StructuredLight(depth_rng) if equipment.camera_structured_light else None,
-            ),
+            _sight(self.world, equipment, depth_rng),
         )
         self.truths: list[Truth] = []
 
