@@ -15,6 +15,7 @@ from followerd.estimation.arbitration import OfKf
 from followerd.estimation.direction import Look
 from followerd.estimation.direction_flow import Of
 from followerd.estimation.direction_kf import Axis, Kf
+from followerd.estimation.false_looks import MOST, FalseLooks
 from followerd.estimation.pan_flow import angles, camera_flow, following_turn, pixels
 from followerd.estimation.predictors import Kind, predictor
 
@@ -154,6 +155,53 @@ def test_a_burst_elsewhere_moves_ours_little_and_a_new_place_is_taken_in_time() 
     for k in range(33, 40):
         imm.step(look(k, 25.0))
     assert degrees(imm.ahead(T)[0]) == pytest.approx(25.0, abs=1.5)
+
+
+def test_whoever_turns_back_suddenly_is_believed_at_the_second_look() -> None:
+    """A look too far ahead makes the rate too high, and looks on the way back doubtful."""
+    imm = predictor("imm_pda", radians(0.8), np.random.default_rng(0))
+    for k, seen in enumerate([*np.linspace(0.0, 42.0, 15), 48.0, 39.0, 35.5, 32.0, 28.5]):
+        imm.step(look(k, seen, head=25.0))
+        if k >= 17:
+            assert degrees(imm.ahead(T)[0]) == pytest.approx(seen - 3.5, abs=1.0)
+
+
+def test_a_warm_thing_that_was_seen_in_bursts_is_known_when_the_target_comes_near() -> None:
+    """Three looks at it instead of one at the target that just passed it."""
+
+    def error(known: bool) -> float:
+        imm = predictor("imm_pda", radians(0.8), np.random.default_rng(0))
+        for k in range(30):
+            imm.step(look(k, 5.0 if known and k in (8, 9, 20, 21) else 60.0 - 2.0 * k, head=20.0))
+        for k in range(30, 33):
+            imm.step(look(k, 5.0, head=0.0))
+        return abs(degrees(imm.ahead(T)[0]) - (60.0 - 2.0 * 33))
+
+    assert error(known=True) < 0.5 * error(known=False)
+
+
+def test_one_doubted_look_suffices_where_that_is_asked_for() -> None:
+    imm = predictor("imm_pda", radians(0.7), np.random.default_rng(0), agreeing=1)
+    for k in range(20):
+        imm.step(look(k, 0.0))
+    imm.step(look(20, 25.0))
+    assert degrees(imm.ahead(T)[0]) == pytest.approx(25.0, abs=0.1)
+
+
+def test_places_of_false_looks_are_remembered_but_not_without_end() -> None:
+    false = FalseLooks(0.01, 0.03, 1.0)
+    anywhere = false.density(0.5)
+    false.take(0.5, false=True)
+    assert false.density(0.5) > 10.0 * anywhere
+    false.take(0.9, false=False)
+    assert false.density(0.5) == anywhere
+    for place in (0.5, 0.51, 0.52):
+        false.learn(place)  # the same
+    remembered = false.density(0.52)
+    assert remembered > 10.0 * anywhere
+    for k in range(MOST):
+        false.learn(2.0 + k)
+    assert false.density(0.52) == pytest.approx(anywhere)
 
 
 def test_runs_are_paired_and_repeatable() -> None:

@@ -13,6 +13,7 @@ from followerd.estimation.predictors import Kind
 
 TIME = PERIOD * np.arange(1, FRAMES + 1)
 THEIRS: tuple[Kind, ...] = ("kf", "of", "ofkf")  # the paper's own three
+COLOURS = {kind: f"C{k}" for k, kind in enumerate(get_args(Kind))}  # the same in every picture
 NUMBERS = {"A": 8, "B": 9, "C": 10}
 
 
@@ -42,7 +43,7 @@ def _angles(outcomes: Sequence[Outcome], target: str, kinds: Sequence[Kind]) -> 
     for ax, speed in zip(axes, SPEEDS, strict=True):
         runs = _of(outcomes, target, speed)
         for kind in kinds:
-            ax.plot(TIME, runs[kind].foreseen, linewidth=0.8, label=kind)
+            ax.plot(TIME, runs[kind].foreseen, color=COLOURS[kind], linewidth=0.8, label=kind)
         true = runs[kinds[0]].true
         ax.plot(TIME, true, color="black", linewidth=1.3, label="true")
         margin = 0.2 * float(np.ptp(true)) + 2.0  # wild ones go off the picture
@@ -76,7 +77,8 @@ def _in_turns(outcomes: Sequence[Outcome]) -> Figure:
     for ax, target in zip(axes, SIGMA, strict=True):
         for i, kind in enumerate(kinds):
             means = [_turn_error(outcomes, target, speed, kind) for speed in SPEEDS]
-            ax.bar(np.arange(len(SPEEDS)) + i * width, means, width, label=kind)
+            places = np.arange(len(SPEEDS)) + i * width
+            ax.bar(places, means, width, color=COLOURS[kind], label=kind)
         ax.set_xticks(np.arange(len(SPEEDS)) + 0.4 - 0.5 * width, list(SPEEDS))
         ax.set_title(target)
     axes[0].set_ylabel("deg")
@@ -98,7 +100,8 @@ def _times(outcomes: Sequence[Outcome]) -> Figure:
     figure = Figure((9.0, 3.5), layout="constrained")
     ax: Axes = figure.subplots()
     for kind, one in _of(outcomes, "B", "moderate").items():
-        ax.semilogy(np.arange(1, FRAMES + 1), one.times, linewidth=0.9, label=kind)
+        steps = np.arange(1, FRAMES + 1)
+        ax.semilogy(steps, one.times, color=COLOURS[kind], linewidth=0.9, label=kind)
     ax.set(xlabel="step", ylabel="us")
     ax.legend(ncols=5, fontsize="small")
     return figure

@@ -4,14 +4,20 @@ from math import exp, pi, radians, sqrt
 
 from followerd.estimation.direction import Look
 from followerd.estimation.direction_kf import Axis
+from followerd.estimation.false_looks import FalseLooks
 from followerd.estimation.pan_flow import Pair
+
+SLOWS = 0.4  # s, in which a target that is not seen may turn back: what is known of its rate fades
+MOVES = 4.2  # sigmas between doubted looks, from which they show something that moves
+AGREE = 6.0, radians(4.0)  # sigmas, and rad besides, between doubted looks of the same thing
+RATE = radians(10.0)  # rad/s, deviation of the rate of what was doubted
 
 
 class ImmPda:
     """Ours: a calm and an agile filter, mixed by how well each foresees; looks may be wrong.
 
     Interacting multiple models with probabilistic data association: a look is the target's with
-    probability 1 - `clutter`, else anywhere within `field`.
+    probability 1 - `clutter`, else anywhere within `field`, or of something warm that stands.
     """
 
     def __init__(
@@ -25,10 +31,10 @@ class ImmPda:
         agreeing: int = 4,
     ) -> None:
         """`calm` and `agile` are accelerations, rad/s²; `stay` is the probability that a model
-        holds from one look to the next; `agreeing` refused looks in a row show the target."""
+        holds from one look to the next; `agreeing` doubted looks in a row show the target."""
         self._accels, self._sigma, self._stay = (calm, agile), sigma, stay
         self._agreeing = agreeing
-        self._clutter, self._density = 1.0 - clutter, clutter / field
+        self._clutter, self._field = clutter, field
         self._stamp = 0.0
         self._axes: tuple[_Mixture, _Mixture] | None = None
 
@@ -50,21 +56,23 @@ class ImmPda:
 
     def _mixture(self, z: float) -> "_Mixture":
         models = Axis(z, self._accels[0], self._sigma), Axis(z, self._accels[1], self._sigma)
-        return _Mixture(*models, self._stay, self._clutter, self._density, self._agreeing)
+        false = FalseLooks(self._sigma, self._clutter, self._field)
+        return _Mixture(*models, self._stay, 1.0 - self._clutter, false, self._agreeing)
 
 
 class _Mixture:
-    """The two models of one angle, their probabilities, and looks refused lately."""
+    """The two models of one angle, their probabilities, and looks doubted lately."""
 
-    __slots__ = ("agile", "agreeing", "calm", "clutter", "density", "mu", "refused", "stay")
+    __slots__ = ("agile", "agreeing", "calm", "doubted", "false", "mu", "right", "stay")
 
     def __init__(
-        self, calm: Axis, agile: Axis, stay: float, right: float, density: float, agreeing: int
+        self, calm: Axis, agile: Axis, stay: float, right: float, false: FalseLooks, agreeing: int
     ) -> None:
         self.calm, self.agile = calm, agile
         self.mu = 0.5  # probability of the calm model
-        self.stay, self.clutter, self.density, self.agreeing = stay, right, density, agreeing
-        self.refused: list[float] = []  # rad, looks that agreed with each other, not with us
+        self.stay, self.right, self.false, self.agreeing = stay, right, false, agreeing
+        # rad and s since: looks in a row that agreed with each other, not with us
+        self.doubted: list[tuple[float, float]] = []
 
     def ahead(self, dt: float) -> float:
         a, b, mu = self.calm, self.agile, self.mu
@@ -76,29 +84,39 @@ class _Mixture:
         _interact(a, b, stay * self.mu / calm, (1.0 - stay) * self.mu / (1.0 - calm))
         a.predict(dt)
         b.predict(dt)
-        if self._is_somewhere_else(z):
-            return
-        la = _associate(a, z, self.clutter, self.density)
-        lb = _associate(b, z, self.clutter, self.density)
-        self.mu = min(max(calm * la / (calm * la + (1.0 - calm) * lb), 0.01), 0.99)
+        density = self.false.density(z)
+        la, believed_a = _associate(a, z, self.right, density)
+        lb, believed_b = _associate(b, z, self.right, density)
+        self.mu = mu = min(max(calm * la / (calm * la + (1.0 - calm) * lb), 0.01), 0.99)
+        false = mu * believed_a + (1.0 - mu) * believed_b < 0.5
+        self.false.take(z, false=false)
+        if false:
+            self._doubt(z, dt)
+        elif self.doubted:
+            self.false.learn(self.doubted[-1][0])
+            self.doubted.clear()
 
-    def _is_somewhere_else(self, z: float) -> bool:
-        """Refused looks in a row that agree with each other: start anew there."""
-        wide = self.agile
-        off = z - wide.p
-        if off * off < 16.0 * (wide.P00 + wide.R):
-            self.refused.clear()
-            return False
-        if self.refused and abs(z - self.refused[-1]) > 6.0 * sqrt(wide.R) + radians(4.0):
-            self.refused.clear()
-        self.refused.append(z)
-        if len(self.refused) < self.agreeing:
-            return False
+    def _doubt(self, z: float, dt: float) -> None:
+        """Looks in a row that agree with each other, not with us: start anew there.
+
+        What else is warm stands still, so of looks that move along fewer suffice: a target that
+        turns back is doubted at first, too.
+        """
+        fade, R = exp(-dt / SLOWS), self.agile.R
+        self.calm.v *= fade
+        self.agile.v *= fade
+        self.doubted = [(before, age + dt) for before, age in self.doubted]
+        if self.doubted and abs(z - self.doubted[-1][0]) > AGREE[0] * sqrt(R) + AGREE[1]:
+            self.doubted.clear()
+        self.doubted.append((z, 0.0))
+        first, age = self.doubted[0]
+        if len(self.doubted) < self.agreeing and abs(z - first) <= MOVES * sqrt(R):
+            return
+        age = max(age, dt)  # of a single look
         for axis in (self.calm, self.agile):
-            axis.p, axis.v = z, 0.0
-            axis.P00, axis.P01, axis.P11 = axis.R, 0.0, radians(20.0) ** 2
-        self.refused.clear()
-        return True
+            axis.p, axis.v = z, (z - first) / age
+            axis.P00, axis.P01, axis.P11 = R, R / age, 2.0 * R / (age * age) + RATE * RATE
+        self.doubted.clear()
 
 
 def _interact(a: Axis, b: Axis, a_in_a: float, a_in_b: float) -> None:
@@ -116,8 +134,8 @@ def _interact(a: Axis, b: Axis, a_in_a: float, a_in_b: float) -> None:
     b.p, b.v, b.P00, b.P01, b.P11 = mixed[1]
 
 
-def _associate(axis: Axis, z: float, right: float, density: float) -> float:
-    """Update by a look that may be clutter; the look's likelihood."""
+def _associate(axis: Axis, z: float, right: float, density: float) -> tuple[float, float]:
+    """Update by a look that may be clutter; the look's likelihood, and how far it is believed."""
     S = axis.P00 + axis.R
     y = z - axis.p
     hit = right * exp(-0.5 * y * y / S) / sqrt(2.0 * pi * S)
@@ -132,4 +150,4 @@ def _associate(axis: Axis, z: float, right: float, density: float) -> float:
     axis.P00 += -beta * K * P00 + spread * K * K
     axis.P01 += -beta * K * P01 + spread * K * L
     axis.P11 += -beta * L * P01 + spread * L * L
-    return likelihood
+    return likelihood, beta

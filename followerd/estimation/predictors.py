@@ -17,7 +17,7 @@ Kind = Literal["kf", "of", "ofkf", "pf", "imm_pda"]
 def predictor(kind: Kind, sigma: float, rng: np.random.Generator, agreeing: int = 4) -> Predictor:
     """One of Motai's predictors, or ours, for looks with deviation `sigma`, rad.
 
-    So many refused looks in a row that are `agreeing` make imm_pda start anew.
+    So many doubted looks in a row that are `agreeing` make imm_pda start anew.
     """
     match kind:
         case "kf":
