@@ -4,7 +4,9 @@ import asyncio
 import json
 import ssl
 import subprocess
+import time
 from contextlib import suppress
+from dataclasses import replace
 from shutil import which
 from typing import Any
 
@@ -17,8 +19,9 @@ from hypothesis import strategies as st
 from followerd import clock
 from followerd.config import WebSection
 from followerd.errors import DeviceError, UsageError
-from followerd.messages import Mode
+from followerd.messages import Image, Mode
 from followerd.web.access import COOKIE, Access, Command
+from followerd.web.hub import HEADER
 from followerd.web.requests import parse
 from followerd.web.server import encryption
 from tests.page_fuzz import fuzz
@@ -88,6 +91,13 @@ def test_one_commands_until_he_is_gone() -> None:
     assert not command.take("b", 5.0)
     assert command.take("b", 6.0)
     assert not command.sign("a", 6.1)
+
+
+async def newest(here: Served) -> Image:
+    """The newest picture, once there is one."""
+    while here.page.hub.image is None:
+        await clock.sleep(0.02)
+    return here.page.hub.image
 
 
 def doing(here: Served) -> tuple[Mode, bool]:
@@ -284,3 +294,25 @@ async def test_another_tracker_is_chosen_only_while_disarmed() -> None:
         assert (await talk.ask("disarm"))["ok"]
         assert (await talk.ask("choose", tracker="ofkf"))["ok"]
         assert here.chosen == ["ofkf"]
+
+
+async def test_each_viewer_gets_the_picture_it_asks_for_however_many_ask(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    encoded: list[int] = []
+
+    def encode(image: Image) -> bytes:
+        encoded.append(image.id)
+        time.sleep(0.02)
+        return bytes([image.id])
+
+    async with served() as here:
+        hub = here.page.hub
+        monkeypatch.setattr(hub, "_encode", encode)
+        seen = await newest(here)
+        first, second = replace(seen, id=7), replace(seen, id=8)
+        asked = [first, first, second, second]
+        sent = await asyncio.gather(*[hub.picture(image) for image in asked])
+        assert [HEADER.unpack(message[: HEADER.size])[1] for message in sent] == [7, 7, 8, 8]
+        assert [message[HEADER.size :] for message in sent] == [b"\7", b"\7", b"\x08", b"\x08"]
+        assert encoded == [7, 8]

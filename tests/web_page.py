@@ -115,8 +115,8 @@ class Talk:
         """The next message; pictures are acknowledged."""
         message = await self.socket.receive(10.0)
         if message.type is aiohttp.WSMsgType.BINARY:
-            _, self.frame, _, self.sent = HEADER.unpack(message.data[: HEADER.size])
-            assert message.data[24:27] == b"\xff\xd8\xff"
+            _, self.frame, *_, self.sent = HEADER.unpack(message.data[: HEADER.size])
+            assert message.data[HEADER.size :][:3] == b"\xff\xd8\xff"
             await self.say("ack", frame=self.frame)
             return {}
         assert message.type is aiohttp.WSMsgType.TEXT, message

@@ -11,7 +11,7 @@ let state = {}, track = null, me = null, commander = null;
 const link = new Link({
   opened: () => top_.furnish(),
   picture: picture => view.show(picture),
-  track: newest => { track = newest; view.track = newest; view.draw(); },
+  track: newest => { track = newest; view.mark(newest); },
   state: showState,
   you: message => { me = message.you; commander = message.commander; showCommand(); },
   answer: showAnswer,
