@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from followerd import clock
 from followerd.config import WebSection
 from followerd.errors import DeviceError, UsageError
-from followerd.messages import Image, Mode
+from followerd.messages import Fault, Image, Mode, StopReason
 from followerd.web.access import COOKIE, Access, Command
 from followerd.web.hub import HEADER
 from followerd.web.requests import parse
@@ -193,6 +193,12 @@ async def test_metrics_and_health_are_served() -> None:
         async with session.get(f"{here.address}healthz") as answer:
             assert answer.status == 200
             assert (await answer.json())["mode"] == "disarmed"
+        for recovered in (False, False, True, False):  # tried again, back, gone
+            here.daemon.handle(
+                Fault(clock.now(), "laser", StopReason.LINK_LOST, "gone", recovered=recovered)
+            )
+        async with session.get(f"{here.address}metrics") as answer:
+            assert 'followerd_device_losses_total{device="laser"} 2.0' in await answer.text()
 
 
 async def test_who_does_not_command_only_looks_and_stops() -> None:

@@ -96,6 +96,7 @@ class Hub:
 
     def _devices(self, now: float) -> list[dict[str, Any]]:
         freshness, stats = self.daemon.pipeline.freshness, self.daemon.stats
+        down = stats.down
         return [
             {
                 "name": name,
@@ -105,7 +106,13 @@ class Hub:
                 "rate": self._rate(STREAMS[name].type),
             }
             for name, newest in freshness.newest.items()
-        ] + [{"name": "frames dropped", "count": self.daemon.vision.dropped, "of": stats.frames}]
+        ] + [
+            {"name": "frames dropped", "count": f"{self.daemon.vision.dropped} of {stats.frames}"},
+            *(
+                {"name": f"{device} lost", "count": f"{count} times", "fresh": device not in down}
+                for device, count in stats.losses.items()
+            ),
+        ]
 
     def _rate(self, kind: type) -> float | None:
         """Of the newest measurements, Hz."""
