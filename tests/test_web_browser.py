@@ -13,6 +13,7 @@ from playwright.async_api import Browser, Page, async_playwright
 
 from followerd import clock
 from followerd.messages import Command, Mode
+from followerd.record.journal import Enrolled
 from tests.web_page import Served, served
 
 CHROMIUM = which("chromium") or which("chromium-browser") or which("google-chrome")
@@ -69,7 +70,11 @@ async def mode_is(page: Page, mode: str, seconds: float = 10.0) -> None:
 
 async def click_on_the_person(page: Page, here: Served) -> None:
     """Where the world has them in the picture that is on the screen."""
-    x, y = 94.0 / 192.0, 55.0 / 144.0  # who stands before the robot at the start
+    await click_at(page, 94.0 / 192.0, 55.0 / 144.0)  # who stands before the robot at the start
+
+
+async def click_at(page: Page, x: float, y: float) -> None:
+    """At these shares of the picture's width and height."""
     area = await page.locator("#picture").bounding_box()
     assert area is not None
     await page.mouse.click(area["x"] + x * area["width"], area["y"] + y * area["height"])
@@ -117,6 +122,31 @@ async def test_click_confirm_follow_and_stop_by_the_space_bar(tmp_path: Path) ->
         assert here.daemon.decision is not None
         assert here.daemon.decision.command.stops
         assert "emergency stop" in await page.inner_text("#reasons")
+
+
+async def test_in_a_moving_scene_a_click_enrols_whoever_was_clicked() -> None:
+    async with served() as here, browsing() as browser:
+        page = await visit(browser, here)
+        await follow(page, here)
+        await asyncio.sleep(3.0)  # robot and person walk down the corridor
+        await press(page, "disarm")
+        x, y, w, h = await page.evaluate("window.followerd.view.track.box")
+        enrolments: list[Enrolled] = []
+        here.daemon.journal_watchers.append(
+            lambda entry: enrolments.append(entry) if isinstance(entry, Enrolled) else None
+        )
+        await click_at(page, (x + 0.5 * w) / 192.0, (y + 0.5 * h) / 144.0)
+        await until(page, "window.followerd.view.track?.phase === 'confirmed'")
+        await press(page, "confirm")
+        decision, person = here.daemon.decision, here.world.world.truth().target
+        assert enrolments[0].frame_id is not None
+        assert decision is not None
+        assert decision.track is not None
+        assert decision.track.position is not None
+        at = here.daemon.pipeline.ego_at(clock.now())
+        assert at is not None
+        there = at.apply_point(*(~here.world.world.pose).apply_point(person.x, person.y))
+        assert np.hypot(*np.subtract(decision.track.position, there)) < 0.5
 
 
 async def test_the_big_button_stops_on_a_phone(tmp_path: Path) -> None:
