@@ -2,6 +2,7 @@
 
 import gc
 import signal
+import sys
 from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import dataclass, replace
 from math import radians
@@ -54,6 +55,7 @@ from followerd.streams import STREAMS
 from followerd.trackers.interfaces import MapTracker, Tracker
 from followerd.trackers.registry import TRACKERS
 
+SWITCH = 0.0005  # s that the loop waits for the interpreter while a thread looks at an image
 DRIVE_LAG = 0.15  # s from a command to braking wheels
 DEFAULT_TWIN = "p3dx-sh"  # what the base's twin is where the config names no model
 DEFAULT_HEAD = "vc-c50i"
@@ -318,6 +320,7 @@ async def live(
     config: Config, duration: float | None, attach: Attach, beside: Sequence[Beside] = ()
 ) -> Daemon:
     """Run the daemon on the config's links, until `duration` has passed or a signal comes."""
+    sys.setswitchinterval(SWITCH)
     plugs, heartbeat = hardware(config), Heartbeat(HALT)
     daemon = build(config, replace(plugs, base=heartbeat.guarded(plugs.base)))
     attach(daemon)

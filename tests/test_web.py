@@ -4,7 +4,9 @@ import asyncio
 import json
 import ssl
 import subprocess
+import time
 from contextlib import suppress
+from dataclasses import replace
 from shutil import which
 from typing import Any
 
@@ -17,8 +19,9 @@ from hypothesis import strategies as st
 from followerd import clock
 from followerd.config import WebSection
 from followerd.errors import DeviceError, UsageError
-from followerd.messages import Mode
+from followerd.messages import Fault, Image, Mode, StopReason
 from followerd.web.access import COOKIE, Access, Command
+from followerd.web.hub import HEADER
 from followerd.web.requests import parse
 from followerd.web.server import encryption
 from tests.page_fuzz import fuzz
@@ -88,6 +91,13 @@ def test_one_commands_until_he_is_gone() -> None:
     assert not command.take("b", 5.0)
     assert command.take("b", 6.0)
     assert not command.sign("a", 6.1)
+
+
+async def newest(here: Served) -> Image:
+    """The newest picture, once there is one."""
+    while here.page.hub.image is None:
+        await clock.sleep(0.02)
+    return here.page.hub.image
 
 
 def doing(here: Served) -> tuple[Mode, bool]:
@@ -183,6 +193,12 @@ async def test_metrics_and_health_are_served() -> None:
         async with session.get(f"{here.address}healthz") as answer:
             assert answer.status == 200
             assert (await answer.json())["mode"] == "disarmed"
+        for recovered in (False, False, True, False):  # tried again, back, gone
+            here.daemon.handle(
+                Fault(clock.now(), "laser", StopReason.LINK_LOST, "gone", recovered=recovered)
+            )
+        async with session.get(f"{here.address}metrics") as answer:
+            assert 'followerd_device_losses_total{device="laser"} 2.0' in await answer.text()
 
 
 async def test_who_does_not_command_only_looks_and_stops() -> None:
@@ -215,7 +231,7 @@ async def test_nonsense_is_answered_and_in_the_end_thrown_out() -> None:
 async def test_a_hundred_thousand_odd_messages_neither_crash_nor_command() -> None:
     async with served() as here:
         await clock.sleep(1.0)
-        outcome = await fuzz(here, np.random.default_rng(), 97_000, 2000, 1000)
+        outcome = await fuzz(here, np.random.default_rng(8), 97_000, 2000, 1000)
     assert outcome.counts["refused"] > 80_000
 
 
@@ -284,3 +300,25 @@ async def test_another_tracker_is_chosen_only_while_disarmed() -> None:
         assert (await talk.ask("disarm"))["ok"]
         assert (await talk.ask("choose", tracker="ofkf"))["ok"]
         assert here.chosen == ["ofkf"]
+
+
+async def test_each_viewer_gets_the_picture_it_asks_for_however_many_ask(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    encoded: list[int] = []
+
+    def encode(image: Image) -> bytes:
+        encoded.append(image.id)
+        time.sleep(0.02)
+        return bytes([image.id])
+
+    async with served() as here:
+        hub = here.page.hub
+        monkeypatch.setattr(hub, "_encode", encode)
+        seen = await newest(here)
+        first, second = replace(seen, id=7), replace(seen, id=8)
+        asked = [first, first, second, second]
+        sent = await asyncio.gather(*[hub.picture(image) for image in asked])
+        assert [HEADER.unpack(message[: HEADER.size])[1] for message in sent] == [7, 7, 8, 8]
+        assert [message[HEADER.size :] for message in sent] == [b"\7", b"\7", b"\x08", b"\x08"]
+        assert encoded == [7, 8]

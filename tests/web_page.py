@@ -11,6 +11,7 @@ import aiohttp
 from followerd import app, clock, config
 from followerd.config import Config
 from followerd.runtime.daemon import Daemon
+from followerd.sim.rig import Rig
 from followerd.web.hub import HEADER
 from followerd.web.server import Page
 
@@ -20,6 +21,7 @@ class Served:
     """What a test needs of it."""
 
     daemon: Daemon
+    world: Rig
     page: Page
     address: str
     chosen: list[str]
@@ -44,7 +46,7 @@ async def served(changes: dict[str, Any] | None = None, **web: Any) -> AsyncIter
     running = asyncio.ensure_future(clock.together(world.run(), daemon.run(), page.run()))
     try:
         address = await asyncio.wait_for(told.get(), 20.0)
-        yield Served(daemon, page, address, wishes)
+        yield Served(daemon, world, page, address, wishes)
     finally:
         running.cancel()
         await asyncio.gather(running, return_exceptions=True)
@@ -115,8 +117,8 @@ class Talk:
         """The next message; pictures are acknowledged."""
         message = await self.socket.receive(10.0)
         if message.type is aiohttp.WSMsgType.BINARY:
-            _, self.frame, _, self.sent = HEADER.unpack(message.data[: HEADER.size])
-            assert message.data[24:27] == b"\xff\xd8\xff"
+            _, self.frame, *_, self.sent = HEADER.unpack(message.data[: HEADER.size])
+            assert message.data[HEADER.size :][:3] == b"\xff\xd8\xff"
             await self.say("ack", frame=self.frame)
             return {}
         assert message.type is aiohttp.WSMsgType.TEXT, message

@@ -24,6 +24,7 @@ from followerd import clock
 from followerd.bench.report import Report
 from followerd.bench.rows import Row
 from followerd.errors import UsageError
+from followerd.geometry import Array
 
 CAMERA = "640x480@30"
 SECONDS, QUICK_SECONDS = 40.0, 12.0
@@ -43,13 +44,12 @@ async def _rows(seconds: float, quick: bool) -> list[Row]:
         folder = Path(name)
         alone = await _run(folder, seconds)
         watched = await _run(folder, seconds, viewers=3)
-        shown: list[float] = []
+        shown: list[list[float]] = []
         await _run(folder, seconds, shown=shown)
         if not shown:
             raise UsageError("the browser drew nothing: is the computer too busy?")
         rows = [
-            _row("canvas", "capture_to_canvas_p50_ms", float(np.percentile(shown, 50))),
-            _row("canvas", "capture_to_canvas_p95_ms", float(np.percentile(shown, 95))),
+            *_delays(np.array(shown)),
             *_latency("alone", alone),
             *_latency("three-viewers", watched),
         ]
@@ -63,6 +63,28 @@ async def _rows(seconds: float, quick: bool) -> list[Row]:
             ]
         rows += await _replayed(folder, QUICK_REPLAYED if quick else REPLAYED)
         return rows
+
+
+def _delays(stamps: Array) -> list[Row]:
+    """Of pictures (N, 6): exposed, in memory, sent, arrived, decoded, drawn; s.
+
+    Captured is what is in memory, as for `frame_to_command`: the camera's own read-out is not ours.
+    """
+    ends = {
+        "capture_to_canvas": (1, 5),
+        "exposure_to_canvas": (0, 5),
+        "capture_to_sent": (1, 2),
+        "sent_to_canvas": (2, 5),
+    }
+    return [
+        _row(
+            "canvas",
+            f"{name}_p{share}_ms",
+            1000.0 * float(np.percentile(stamps[:, last] - stamps[:, first], share)),
+        )
+        for name, (first, last) in ends.items()
+        for share in (50, 95)
+    ]
 
 
 def _row(scenario: str, metric: str, value: float) -> Row:
@@ -80,7 +102,7 @@ async def _run(
     seconds: float,
     *,
     viewers: int = 0,
-    shown: list[float] | None = None,
+    shown: list[list[float]] | None = None,
     record: str = "",
 ) -> Summary:
     """The summary of a demonstration in real time."""
@@ -142,8 +164,8 @@ async def _watch(address: str, *, reads: bool) -> None:
                     await socket.send_json({"do": "ack", "frame": frame})
 
 
-async def _browse(address: str, shown: list[float], seconds: float) -> None:
-    """Delays from capture to canvas, ms, of pictures in a browser on this computer."""
+async def _browse(address: str, shown: list[list[float]], seconds: float) -> None:
+    """Stamps, s, of pictures on their way to the canvas of a browser on this computer."""
     try:
         from playwright.async_api import async_playwright
     except ImportError:
@@ -160,7 +182,7 @@ async def _browse(address: str, shown: list[float], seconds: float) -> None:
         await page.evaluate("window.followerd.view.times.length = 0")
         await clock.sleep(0.4 * seconds)
         times = await page.evaluate("window.followerd.view.times")
-        shown += [1000.0 * (drawn - captured - epoch) for captured, drawn in times]
+        shown += [[*(s + epoch for s in stamps[:3]), *stamps[3:]] for stamps in times]
         await browser.close()
 
 

@@ -13,6 +13,7 @@ from followerd.hw.interfaces import Base, ExposureLock, Herald, PanTilt, Sensor
 from followerd.messages import (
     Box,
     Decision,
+    Fault,
     Image,
     LookAt,
     Measurement,
@@ -146,6 +147,8 @@ class Daemon:
         now = clock.now()
         if self.journal_watchers:
             self._consumed(Taken(now, event))
+        if isinstance(event, Fault):
+            self.stats.faulted(event)
         decision = self.pipeline.step(event, now)
         if decision.motors is not self._motors:
             self._motors = decision.motors

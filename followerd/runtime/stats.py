@@ -2,7 +2,7 @@
 
 import os
 import resource
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from time import process_time
@@ -10,7 +10,7 @@ from time import process_time
 import numpy as np
 
 from followerd import clock
-from followerd.messages import Command, Decision, Image, Measurement, Mode, Scan
+from followerd.messages import Command, Decision, Fault, Image, Measurement, Mode, Scan
 
 LAG_PERIOD = 0.02  # s
 KEPT = 100_000  # newest figures of each kind: a daemon runs for weeks
@@ -48,6 +48,8 @@ class Stats:
     latencies: dict[str, deque[float]] = field(default_factory=dict)  # cause -> s
     lags: deque[float] = field(default_factory=lambda: deque(maxlen=KEPT))  # s
     stops: list[Stop] = field(default_factory=list)
+    losses: Counter[str] = field(default_factory=Counter)  # of devices, by their names
+    down: set[str] = field(default_factory=set)  # devices that are lost now
     moving: bool = False
     process_began: float = field(default_factory=process_time)
 
@@ -55,6 +57,14 @@ class Stats:
         """Note a measurement."""
         self.frames += isinstance(measurement, Image)
         self.scans += isinstance(measurement, Scan)
+
+    def faulted(self, fault: Fault) -> None:
+        """Note that a device is lost, or back; it is tried again and again meanwhile."""
+        if fault.recovered:
+            self.down.discard(fault.device)
+        elif fault.device not in self.down:
+            self.down.add(fault.device)
+            self.losses[fault.device] += 1
 
     def decided(self, decision: Decision) -> None:
         """Note a decision: time in modes, stops."""

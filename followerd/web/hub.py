@@ -19,9 +19,10 @@ from followerd.runtime.daemon import Daemon
 from followerd.streams import STREAMS
 from followerd.web.views import decision_view, legs_view, lines_view, number, scan_view, track_view
 
-HEADER = struct.Struct("<IIdd")  # kind 1, frame id, s captured (loop), s sent (loop)
+HEADER = struct.Struct("<IIddd")  # kind 1, frame id; s (loop) of exposure, in memory, sent
 PICTURE = 1
 STATE_PERIOD = 0.1  # s
+LOOK = 0.012  # s that a tracker may look at an image before it is shown all the same
 RATED = 40  # measurements that a rate is taken of
 
 
@@ -35,8 +36,9 @@ class Hub:
         self._extra = extra
         self._quality = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality]
         self._thread = ThreadPoolExecutor(1, "pictures")
-        self._encoded: tuple[int, bytes] | None = None
-        self._encoding: asyncio.Future[bytes] | None = None
+        self._coming: Image | None = None  # the tracker looks at it
+        self._timer: asyncio.TimerHandle | None = None
+        self._encoding: tuple[Image, asyncio.Future[bytes]] | None = None  # the newest
         self._scan: tuple[Scan, Pose2] | None = None
         self._stamps: dict[type, deque[float]] = {}
         self._track = ""
@@ -52,20 +54,17 @@ class Hub:
         """Stop to look."""
         self.daemon.measurement_watchers.remove(self._measured)
         self.daemon.decision_watchers.remove(self._decided)
+        if self._timer is not None:
+            self._timer.cancel()
         self._thread.shutdown(wait=False)
 
     async def picture(self, image: Image) -> bytes:
         """The message that shows `image`; encoded once, off the loop, for all viewers."""
-        if self._encoded is None or self._encoded[0] != image.id:
-            if self._encoding is None:
-                loop = asyncio.get_running_loop()
-                self._encoding = loop.run_in_executor(self._thread, self._encode, image)
-            encoding = self._encoding
-            data = await encoding
-            if self._encoding is encoding:
-                self._encoding, self._encoded = None, (image.id, data)
-            return HEADER.pack(PICTURE, image.id, image.stamp, clock.now()) + data
-        return HEADER.pack(PICTURE, image.id, image.stamp, clock.now()) + self._encoded[1]
+        if self._encoding is None or self._encoding[0] is not image:
+            loop = asyncio.get_running_loop()
+            self._encoding = image, loop.run_in_executor(self._thread, self._encode, image)
+        data = await asyncio.shield(self._encoding[1])  # others wait for it too
+        return HEADER.pack(PICTURE, image.id, image.stamp, image.received, clock.now()) + data
 
     def _encode(self, image: Image) -> bytes:
         return bytes(cv2.imencode(".jpg", image.pixels, self._quality)[1])
@@ -97,6 +96,7 @@ class Hub:
 
     def _devices(self, now: float) -> list[dict[str, Any]]:
         freshness, stats = self.daemon.pipeline.freshness, self.daemon.stats
+        down = stats.down
         return [
             {
                 "name": name,
@@ -106,7 +106,13 @@ class Hub:
                 "rate": self._rate(STREAMS[name].type),
             }
             for name, newest in freshness.newest.items()
-        ] + [{"name": "frames dropped", "count": self.daemon.vision.dropped, "of": stats.frames}]
+        ] + [
+            {"name": "frames dropped", "count": f"{self.daemon.vision.dropped} of {stats.frames}"},
+            *(
+                {"name": f"{device} lost", "count": f"{count} times", "fresh": device not in down}
+                for device, count in stats.losses.items()
+            ),
+        ]
 
     def _rate(self, kind: type) -> float | None:
         """Of the newest measurements, Hz."""
@@ -119,13 +125,29 @@ class Hub:
         stamps = self._stamps.setdefault(type(measurement), deque(maxlen=RATED))
         stamps.append(measurement.stamp)
         if isinstance(measurement, Image):
-            self.image = measurement
-            self._tell()
+            self._wait_for_tracker(measurement)
         elif isinstance(measurement, Scan):
             base = self.daemon.pipeline.ego_at(measurement.stamp)
             self._scan = None if base is None else (measurement, base)
 
+    def _wait_for_tracker(self, image: Image) -> None:
+        """An image is shown once it is decided upon: till then the processors are the tracker's."""
+        if self._timer is not None:
+            self._timer.cancel()
+        self._coming = image
+        waits = self.viewers and self.daemon.pipeline.modes.enrolled
+        self._timer = asyncio.get_running_loop().call_later(LOOK if waits else 0.0, self._show)
+
+    def _show(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        self.image, self._coming, self._timer = self._coming, None, None
+        self._tell()
+
     def _decided(self, decision: Decision) -> None:
+        track, coming = decision.track, self._coming
+        if coming is not None and track is not None and track.frame_id == coming.id:
+            self._show()
         if not self.viewers or decision.track is self._shown:
             return
         self._shown = decision.track

@@ -28,6 +28,12 @@ class DaemonMetrics(Collector):
         yield _count("followerd_scans", "Scans taken.", stats.scans)
         yield _count("followerd_frames_dropped", "Images never looked at.", daemon.vision.dropped)
         yield _count("followerd_stops", "Stops from motion, with a reason.", len(stats.stops))
+        losses = CounterMetricFamily(
+            "followerd_device_losses", "A device was lost.", labels=["device"]
+        )
+        for device, count in stats.losses.items():
+            losses.add_metric([device], count)
+        yield losses
         ages = GaugeMetricFamily(
             "followerd_stream_age_seconds", "Since the newest was measured.", labels=["stream"]
         )

@@ -3,6 +3,9 @@ const AGAIN = 500;        // ms before another try
 const SILENCE = 1500;     // ms without a word after which the robot counts as gone
 const ALIVE = 200;        // ms between two signs of life
 
+// s of the wall clock
+export const now = () => (performance.timeOrigin + performance.now()) / 1000;
+
 export class Link {
   constructor(handlers) {
     this.handlers = handlers;   // opened, picture, track, state, you, answer, gone, locked
@@ -55,9 +58,11 @@ export class Link {
       const view = new DataView(data);
       this.handlers.picture({
         frame: view.getUint32(4, true),
-        captured: view.getFloat64(8, true),
-        sent: view.getFloat64(16, true),
-        jpeg: new Blob([new Uint8Array(data, 24)], { type: 'image/jpeg' }),
+        exposed: view.getFloat64(8, true),
+        received: view.getFloat64(16, true),
+        sent: view.getFloat64(24, true),
+        arrived: now(),
+        jpeg: new Blob([new Uint8Array(data, 32)], { type: 'image/jpeg' }),
       });
       return;
     }

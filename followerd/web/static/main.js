@@ -11,7 +11,7 @@ let state = {}, track = null, me = null, commander = null;
 const link = new Link({
   opened: () => top_.furnish(),
   picture: picture => view.show(picture),
-  track: newest => { track = newest; view.track = newest; view.draw(); },
+  track: newest => { track = newest; view.mark(newest); },
   state: showState,
   you: message => { me = message.you; commander = message.commander; showCommand(); },
   answer: showAnswer,
@@ -82,7 +82,7 @@ function showAnswer(answer) {
 function showDevices() {
   const rows = (state.devices ?? []).map(device => {
     const row = document.createElement('tr');
-    const age = device.age === undefined ? `${device.count} of ${device.of}` : device.age === null ? '–' : `${Math.round(1000 * device.age)} ms`;
+    const age = device.age === undefined ? device.count : device.age === null ? '–' : `${Math.round(1000 * device.age)} ms`;
     const limit = device.limit ? `${Math.round(1000 * device.limit)} ms` : '';
     const rate = device.rate == null ? '' : `${device.rate.toFixed(1)} Hz`;
     for (const text of [device.name, rate, age, limit]) row.insertCell().textContent = text;

@@ -1,4 +1,6 @@
 // The camera's newest picture, what the tracker made of it, and the click that enrols.
+import { now } from './link.js';
+
 const KEPT = 1000;  // times of pictures
 const SHORT = 8;   // px of the screen: a shorter drag is a click
 const COLOURS = { confirmed: '#35d07f', tentative: '#f2b134', occluded: '#f2b134', lost: '#ff4d4d' };
@@ -13,8 +15,9 @@ export class Picture {
     this.frame = null;
     this.drag = null;
     this.round = false;     // the tracker follows a head: its box is that of an ellipse
+    this.pending = null;    // a drawing that is due
     this.drawn = 0;
-    this.times = [];        // [captured, drawn] of the newest pictures, s, for whoever measures
+    this.times = [];        // exposed, received, sent, arrived, decoded, drawn: of the newest pictures, s
     canvas.addEventListener('pointerdown', event => this.begin(event));
     canvas.addEventListener('pointermove', event => this.move(event));
     canvas.addEventListener('pointerup', event => this.end(event));
@@ -24,6 +27,7 @@ export class Picture {
   async show(picture) {
     try {
       const image = await createImageBitmap(picture.jpeg);
+      const decoded = now();
       this.image?.close();
       this.image = image;
       this.frame = picture.frame;
@@ -33,14 +37,23 @@ export class Picture {
       }
       this.draw();
       this.drawn += 1;
-      this.times.push([picture.captured, (performance.timeOrigin + performance.now()) / 1000]);
+      const { exposed, received, sent, arrived } = picture;
+      this.times.push([exposed, received, sent, arrived, decoded, now()]);
       if (this.times.length > KEPT) this.times.shift();
     } finally {
       this.link.send({ do: 'ack', frame: picture.frame });
     }
   }
 
+  // a track is drawn with the picture that follows it, or alone when none does
+  mark(track) {
+    this.track = track;
+    this.pending ??= requestAnimationFrame(() => this.draw());
+  }
+
   draw() {
+    if (this.pending) cancelAnimationFrame(this.pending);
+    this.pending = null;
     const { canvas, image, track } = this;
     if (!image) return;
     const c = canvas.getContext('2d');
