@@ -13,11 +13,13 @@ from followerd.control.plausible import (
     from_the_future,
     is_finite_wish,
     is_plausible_odometry,
+    is_plausible_pose,
     is_plausible_scan,
 )
 from followerd.control.way import Way
 from followerd.geometry import Pose2, wrap_angle
 from followerd.messages import (
+    Chassis,
     Command,
     Odometry,
     Reason,
@@ -51,6 +53,7 @@ class Guard:
     """Only what leaves `check` may reach the wheels."""
 
     def __init__(self, settings: GuardSettings, freshness: Freshness) -> None:
+        self._configured = settings
         self.settings = settings
         self.freshness = freshness
         self._way = Way(settings)
@@ -60,9 +63,15 @@ class Guard:
         self._looked_at: View | None = None
         self._plausible = False  # what was looked at
 
+    def fit(self, base: Chassis) -> None:
+        """The base has told its dimensions; they count where they ask for more room."""
+        self.settings = self._configured.fitted(base)
+        self._way = Way(self.settings)
+
     def sense(self, odometry: Odometry) -> None:
-        """Remember the sonar readings of a base report."""
-        self._echoes.sense(odometry)
+        """Remember the sonar readings of a base report that can be."""
+        if is_plausible_odometry(odometry):
+            self._echoes.sense(odometry)
 
     def check(
         self,
@@ -118,6 +127,8 @@ class Guard:
             absurd.append("odometry")
         if view is not None and not self._is_plausible(view):
             absurd.append("scan")
+        if situation.base is not None and not is_plausible_pose(situation.base):
+            absurd.append("position")
         if situation.base is None or odometry is None:
             return [Reason(StopReason.ODOMETRY_STALE, "odometry", "position unknown")]
         if view is None:
@@ -127,7 +138,9 @@ class Guard:
     def _is_plausible(self, view: View) -> bool:
         if view is not self._looked_at:
             self._looked_at = view
-            self._plausible = is_plausible_scan(view.scan, self.settings.max_missing_share)
+            self._plausible = is_plausible_pose(view.base) and is_plausible_scan(
+                view.scan, self.settings.max_missing_share
+            )
         return self._plausible
 
     def _twist(self, wish: Wish, turned: float = 0.0) -> Twist:

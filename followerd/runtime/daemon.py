@@ -12,6 +12,7 @@ from followerd.estimation.gaze import Gaze
 from followerd.hw.interfaces import Base, ExposureLock, Herald, PanTilt, Sensor
 from followerd.messages import (
     Box,
+    Chassis,
     Decision,
     Image,
     LookAt,
@@ -76,6 +77,7 @@ class Daemon:
             self.decision_watchers.append(shadows.note)
         self._novelty = Novelty()
         self._gaze = Gaze()
+        self._chassis: Chassis | None = None
         self._motors = False
         self._look: LookAt | None = None
         base.on_sent = self.stats.sent
@@ -112,6 +114,7 @@ class Daemon:
         elif isinstance(aimed, PtzState):
             self._gaze.note(aimed)
         elif aimed is not None:
+            self._measure_base()
             self.handle(aimed)
             if self.scanning is not None and isinstance(aimed, Scan):
                 self.scanning.take(aimed, self.pipeline.pose)
@@ -122,6 +125,12 @@ class Daemon:
         missed = now - fresh.newest[stream] > MISSED * fresh.stale_after[stream]
         if missed and not self._novelty.repeated.get(stream):
             self.handle(Coming(stream))
+
+    def _measure_base(self) -> None:
+        """Once the base has told its dimensions the guard must know them."""
+        if self.base.chassis is not None and self.base.chassis != self._chassis:
+            self._chassis = self.base.chassis
+            self.handle(self._chassis)
 
     def _is_new(self, measurement: Measurement) -> bool:
         """What a stuck device repeats is not used: the robot stops as when it says nothing."""
