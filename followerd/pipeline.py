@@ -12,7 +12,8 @@ from followerd.control.freshness import Freshness, StreamName
 from followerd.control.guard import Guard, Situation
 from followerd.control.interfaces import Controller, HeadController, Scene, Target, View
 from followerd.control.limits import GuardSettings
-from followerd.control.mode import Action, Modes, ModeSettings, Permission
+from followerd.control.mode import Modes, ModeSettings, Permission
+from followerd.control.transitions import Action
 from followerd.estimation.association import Association, AssociationSettings
 from followerd.estimation.ego_motion import EgoMotion, EgoMotionSettings
 from followerd.estimation.foresight import Foresight, ForesightSettings

@@ -21,6 +21,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 TARGETS = {
     "followerd.control.guard": ("tests/test_guard.py", "tests/test_pipeline.py"),
+    "followerd.control.transitions": ("tests/test_mode.py",),
     "followerd.control.mode": ("tests/test_mode.py", "tests/test_pipeline.py"),
 }
 COMPARISONS: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {

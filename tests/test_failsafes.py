@@ -13,8 +13,8 @@ from followerd.bench.closed_loop import simulate
 from followerd.bench.fault_runs import HUNG, Job, run
 from followerd.config import load
 from followerd.control.limits import GuardSettings
-from followerd.control.mode import Action
 from followerd.control.novelty import Novelty
+from followerd.control.transitions import Action
 from followerd.errors import ConfigError
 from followerd.geometry import Camera, Pose2
 from followerd.hw.p2os.commands import Cmd, command

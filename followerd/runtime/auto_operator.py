@@ -11,7 +11,7 @@ import numpy as np
 import structlog
 
 from followerd import clock
-from followerd.control.mode import Action
+from followerd.control.transitions import Action
 from followerd.errors import UsageError
 from followerd.geometry import Camera
 from followerd.messages import Box, Image, Measurement, Scan

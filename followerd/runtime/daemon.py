@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 import structlog
 
 from followerd import clock
-from followerd.control.mode import Action
 from followerd.control.novelty import Novelty
+from followerd.control.transitions import Action
 from followerd.errors import UsageError
 from followerd.estimation.gaze import Gaze
 from followerd.hw.interfaces import Base, ExposureLock, Herald, PanTilt, Sensor
