@@ -444,6 +444,16 @@ def test_an_arc_that_is_blocked_becomes_a_turn_on_the_spot() -> None:
     assert any(reason.stop is StopReason.OBSTACLE for reason in command.reasons)
 
 
+def test_a_robot_that_starts_anew_does_not_creep_on_by_ever_tighter_arcs() -> None:
+    """At 1 cm/s the least turn is an arc that ends nowhere; at walking pace it hits the box."""
+    b = bench().sees(seen((0, 20, 0.75)))
+    for k in range(60):
+        now = NOW + 0.02 * k
+        for name in STREAMS:
+            b.freshness.saw(name, now, now)
+        assert twist(b.guard.check(Twist(0.3, -0.07), b.situation, now)).v == 0.0
+
+
 def test_arcs_that_get_worse_and_worse_end_in_a_turn_on_the_spot() -> None:
     b = bench()
     wish = Twist(0.6418, 0.5787)

@@ -257,10 +257,11 @@ class Guard:
         if omega != 0.0:
             limit, why = self._way.free_turn(omega, obstacles), "beside the robot, in its turn"
             omega = _slower(omega, limit, reasons, StopReason.OBSTACLE, "laser", why)
-        v, why = self._along(twist.v, omega, obstacles)
+        v, why = self._along(twist.v, omega, omega, obstacles)
         if omega != 0.0 and abs(v) < abs(twist.v) < abs(capped.v):
             eased = omega * twist.v / capped.v
-            farther, reason = self._along(twist.v, eased, obstacles)
+            start = omega * self.settings.start_mps / abs(capped.v)
+            farther, reason = self._along(twist.v, eased, start, obstacles)
             if abs(farther) > abs(v):
                 v, omega, why = farther, eased, reason
         v = _slower(twist.v, abs(v), reasons, StopReason.OBSTACLE, "laser", why)
@@ -278,18 +279,26 @@ class Guard:
         reasons.append(Reason(StopReason.OBSTACLE, "laser", why, full_stop=False))
         return replace(turn, angle=turned + copysign(free, rest))
 
-    def _along(self, v: float, omega: float, obstacles: Obstacles) -> tuple[float, str]:
+    def _along(
+        self, v: float, omega: float, start_omega: float, obstacles: Obstacles
+    ) -> tuple[float, str]:
         """The speed up to `v` that may be driven while turning at `omega`, and what limits it.
 
-        A lower speed at the same turn rate sweeps another arc: what is allowed is checked again.
+        A lower speed at the same turn rate sweeps another arc: what is allowed is checked again. A
+        robot that stands, or crawls, needs room for `start_mps` at `start_omega`: it neither creeps
+        up to its margin nor, by arcs as tight as a crawl makes them, past it.
         """
-        why = ""
+        why, slow = "", self.settings.start_mps
+        if v != 0.0 and max(abs(v), abs(self._approved.v)) < slow:
+            limit, why = self._way.free_speed(Twist(copysign(slow, v), start_omega), obstacles)
+            if limit < slow:
+                return 0.0, why
         for _ in range(TRIES):
             if v == 0.0:
                 break
             limit, why = self._way.free_speed(Twist(v, omega), obstacles)
-            if self._approved.v == 0.0 and limit < self.settings.start_mps:
-                limit = 0.0  # a robot that stands does not creep up to its margin
+            if self._approved.v == 0.0 and limit < slow:
+                limit = 0.0
             if abs(v) <= limit:
                 break
             # an arc of lower speed may be a little less free
