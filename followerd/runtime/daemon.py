@@ -24,6 +24,7 @@ from followerd.messages import (
 from followerd.pipeline import Coming, Event, Late, Operator, Pipeline, Tick
 from followerd.record.journal import Entry, Taken
 from followerd.runtime.overheard import Hear
+from followerd.runtime.pressure import Pressure
 from followerd.runtime.scanning import Scanning
 from followerd.runtime.shadows import Shadows
 from followerd.runtime.stats import Stats
@@ -68,6 +69,7 @@ class Daemon:
         looking = Looking(None if by_scans else tracker, pipeline.ego_at, pipeline.place_at)
         self.vision = Vision(looking, self.handle, self._consumed, image_work)
         self.stats = Stats(began=clock.now())
+        self.pressure = Pressure(self.stats)
         self.decision: Decision | None = None
         self.decision_watchers: list[Callable[[Decision], None]] = []
         self.journal_watchers: list[Callable[[Entry], None]] = []
@@ -91,8 +93,9 @@ class Daemon:
         devices = [supervise(sensor, self.take, self.handle) for sensor in sensors]
         beside = [] if self.shadows is None else [self.shadows.run()]
         try:
-            own = self.vision.run(), self._tick(), self.stats.watch_lag()
-            await clock.together(*devices, *own, *beside)
+            own = self.vision.run(), self._tick()
+            watching = self.stats.watch_lag(), self.pressure.watch()
+            await clock.together(*devices, *own, *watching, *beside)
         finally:
             self.stats.finish(clock.now())
 
@@ -105,8 +108,11 @@ class Daemon:
         aimed: Measurement | None = measurement
         if isinstance(measurement, Image) and self.head is not None:
             aimed = self._gaze.aimed(measurement)
-        for watch in self.measurement_watchers:
-            watch(aimed or measurement)
+        if isinstance(measurement, Image) and self.pressure.why:
+            self.stats.measured(measurement)
+        else:
+            for watch in self.measurement_watchers:
+                watch(aimed or measurement)
         if not self._is_new(measurement):
             return
         if isinstance(aimed, Image):
