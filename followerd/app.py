@@ -226,7 +226,7 @@ def pipeline_settings(config: Config) -> PipelineSettings:
 
     Raises ConfigError when the laser is too slow to drive by.
     """
-    laser, settings = _laser(config), config.pipeline
+    laser, settings = laser_settings(config), config.pipeline
     limit, more, most = stale_after(laser), under_way(laser), STREAMS["scan"].stale_after
     if limit + more > most:
         raise ConfigError(
@@ -280,7 +280,7 @@ def rig(config: Config, faults: Sequence[Fault] = ()) -> Rig:
 
 def equipment(config: Config) -> Equipment:
     """What a config says of the robot's build."""
-    laser, camera = _laser(config), _camera(config)
+    laser, camera = laser_settings(config), _camera(config)
     return Equipment(
         getattr(config.base, "model", None) or DEFAULT_TWIN,
         laser.mount.base_from_laser,
@@ -296,7 +296,8 @@ def equipment(config: Config) -> Equipment:
     )
 
 
-def _laser(config: Config) -> Lms200Settings:
+def laser_settings(config: Config) -> Lms200Settings:
+    """Its section without the link."""
     return Lms200Settings.model_validate(config.laser.model_dump(exclude={"kind", "link"}))
 
 

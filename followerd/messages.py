@@ -213,6 +213,19 @@ class Odometry:
 
 
 @dataclass(frozen=True, slots=True)
+class Chassis:
+    """A base as it is known once connected, as far as the space and the time it needs go."""
+
+    front: float  # m, from the wheels' axis
+    rear: float  # m, positive
+    half_width: float  # m
+    track: float  # m, effective, between the wheels
+    deceleration: float  # m/s^2, of a controlled stop
+    turn_deceleration: float  # rad/s^2
+    watchdog: float  # s, the base's own
+
+
+@dataclass(frozen=True, slots=True)
 class PtzState:
     """Where a camera's pan-tilt head points."""
 

@@ -12,7 +12,8 @@ from followerd.control.freshness import Freshness, StreamName
 from followerd.control.guard import Guard, Situation
 from followerd.control.interfaces import Controller, HeadController, Scene, Target, View
 from followerd.control.limits import GuardSettings
-from followerd.control.mode import Action, Modes, ModeSettings, Permission
+from followerd.control.mode import Modes, ModeSettings, Permission
+from followerd.control.transitions import Action
 from followerd.estimation.association import Association, AssociationSettings
 from followerd.estimation.ego_motion import EgoMotion, EgoMotionSettings
 from followerd.estimation.foresight import Foresight, ForesightSettings
@@ -20,6 +21,7 @@ from followerd.estimation.localizer import Localizer
 from followerd.estimation.ranging import Person
 from followerd.geometry import Array, Pose2
 from followerd.messages import (
+    Chassis,
     Clusters,
     Decision,
     Fault,
@@ -92,7 +94,9 @@ class Tick:
     """Time has passed."""
 
 
-Event = Scan | Odometry | Tracked | Operator | Presence | Hand | Late | Fault | Coming | Tick
+Event = (
+    Scan | Odometry | Tracked | Operator | Presence | Hand | Late | Fault | Coming | Chassis | Tick
+)
 SEEN = (TrackPhase.TENTATIVE, TrackPhase.CONFIRMED)
 CAMERA = "camera"  # a device that only shows, where the tracker needs no images
 JUMP = 0.5  # m, between two scans: who thinks on the map stops
@@ -215,6 +219,8 @@ class Pipeline:
             self.modes.present(event.session, now, here=event.here)
         elif isinstance(event, Late):
             self.modes.late(event.seconds, now)
+        elif isinstance(event, Chassis):
+            self.guard.fit(event)
         elif isinstance(event, Coming):
             self.freshness.coming(event.stream)
         elif isinstance(event, Hand):

@@ -11,7 +11,7 @@ from math import atan2, hypot, inf, pi, radians, sin
 import numpy as np
 
 from followerd.control.image_centering import ImageCentering, ImageCenteringSettings
-from followerd.control.mode import Action
+from followerd.control.transitions import Action
 from followerd.geometry import Array, Pose2
 from followerd.messages import (
     Command,

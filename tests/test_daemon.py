@@ -276,3 +276,10 @@ def test_every_scenario_is_followed_without_loss_or_collision(
     assert follow["collision_count"] == 0
     assert follow["wrong_follow_m"] == 0
     assert follow["min_person_distance_m"] is None or follow["min_person_distance_m"] >= 0.6
+
+
+def test_the_guard_takes_the_dimensions_of_the_base_that_is_connected() -> None:
+    chosen = load("hpf-sim", {"base.model": "powerbot-sh", "operator": "manual"})
+    daemon = clock.run_virtual(app.virtual(chosen, 5.0, lambda _: None, app.rig(chosen)))
+    body = daemon.pipeline.guard.settings
+    assert (body.front_m, body.rear_m, body.half_width_m) == (0.369, 0.542, 0.34)

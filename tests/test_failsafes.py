@@ -1,8 +1,9 @@
 """FAILSAFES F1 to F19, one by one, each with its figure; what more each owes stands in its file."""
 
+import asyncio
 from dataclasses import replace
 from itertools import pairwise
-from math import inf, radians
+from math import hypot, inf, radians
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,8 @@ from followerd.bench.closed_loop import simulate
 from followerd.bench.fault_runs import HUNG, Job, run
 from followerd.config import load
 from followerd.control.limits import GuardSettings
-from followerd.control.mode import Action
 from followerd.control.novelty import Novelty
+from followerd.control.transitions import Action
 from followerd.errors import ConfigError
 from followerd.geometry import Camera, Pose2
 from followerd.hw.p2os.commands import Cmd, command
@@ -34,7 +35,10 @@ from followerd.messages import (
     Twist,
 )
 from followerd.pipeline import Hand, Late, Operator, PipelineSettings, Presence
+from followerd.runtime.auto_operator import AutoOperator
 from followerd.runtime.daemon import Daemon
+from followerd.runtime.pressure import Pressure
+from followerd.runtime.stats import Stats
 from followerd.trackers.legs import Legs, LegsSettings
 from followerd.trackers.looking import Looking
 from tests import test_p2os_writer as base_writer
@@ -268,6 +272,36 @@ def test_f06_the_speed_fits_the_watchdog_of_the_base() -> None:
 
 
 @pytest.mark.slow
+def test_f06_a_base_stopped_by_its_watchdog_is_not_moved_by_whoever_connects_next() -> None:
+    """SYNC0 is PULSE to a base whose session is still open: it would go on as it was told last."""
+
+    async def story() -> tuple[float, float]:
+        config = load("hpf-sim", {"seed": 1})
+        world = app.rig(config)
+        running = asyncio.ensure_future(world.run())
+        daemon = app.build(config, app.in_memory(world))
+        operator = AutoOperator(daemon)
+        driving = asyncio.ensure_future(clock.together(operator.run(), daemon.run()))
+        while not world.truths or world.truths[-1].twist.v < 0.3:
+            await clock.sleep(0.1)
+        line = world.robot
+        vars(line)["transmit"] = lambda *_: None  # killed: not even a farewell gets out
+        driving.cancel()
+        await asyncio.gather(driving, return_exceptions=True)
+        del vars(line)["transmit"]
+        await clock.sleep(4.0)
+        stood = world.truths[-1].pose
+        manual = load("hpf-sim", {"seed": 1, "operator": "manual"})
+        again = app.build(manual, app.in_memory(world))
+        await clock.within(6.0, again.run())
+        running.cancel()
+        after = world.truths[-1].pose
+        return hypot(after.x - stood.x, after.y - stood.y), abs(after.theta - stood.theta)
+
+    assert clock.run_virtual(story()) == (0.0, 0.0)
+
+
+@pytest.mark.slow
 def test_f06_a_base_cut_off_stops_by_its_own_watchdog() -> None:
     """Killed for good: tests/test_real_time.py and tests/test_unplug.py."""
     outcome = run(Job("robot:disconnect", "corridor", 1))
@@ -399,6 +433,42 @@ def test_f15_after_a_suspend_it_is_disarmed_and_only_one_clock_is_read() -> None
 @pytest.mark.slow
 def test_f16_a_full_disk_ends_the_recording_and_nothing_else(tmp_path: Path) -> None:
     recording.test_a_disk_that_fills_ends_the_recording_and_nothing_else(tmp_path)
+
+
+def test_f16_a_computer_short_of_time_or_memory_is_noticed_and_let_off() -> None:
+    stats, memory = Stats(0.0), [100.0]
+    pressure = Pressure(stats, lambda: memory[0])
+    stats.lags.extend([0.002] * 50)
+    pressure.look()
+    assert not pressure.why
+    stats.lags.extend([0.030] * 50)
+    pressure.look()
+    assert "30 ms late" in pressure.why
+    stats.lags.extend([0.002] * 50)
+    memory[0] = 900.0
+    pressure.look()
+    assert "900 MB" in pressure.why
+    memory[0] = 100.0
+    pressure.look()
+    assert not pressure.why
+
+
+@pytest.mark.slow
+def test_f16_under_pressure_nobody_but_the_tracker_gets_pictures_and_it_follows_on() -> None:
+    config = load("hpf-sim", {"seed": 1})
+    shown: list[Measurement] = []
+    daemons: list[Daemon] = []
+
+    def attach(daemon: Daemon) -> None:
+        daemons.append(daemon)
+        daemon.pressure.why = "short of time"
+        daemon.measurement_watchers.append(shown.append)
+
+    summary = simulate(config, FED, attach)
+    assert summary["frames"] > 100
+    assert not [one for one in shown if isinstance(one, Image)]
+    assert [one for one in shown if isinstance(one, Scan)]
+    assert summary["mode_s"]["following"] > 2.0
 
 
 class LosingItself(Elsewhere):

@@ -7,10 +7,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
 
+from followerd.app import equipment, laser_settings, pipeline_settings
+from followerd.bench import fields
 from followerd.bench.jia_follow import call_us
 from followerd.bench.surfaces import picture
 from followerd.cli.check import check
+from followerd.config import load as load_config
 from followerd.control.fuzzy import SETS, Surface, load, memberships
 from followerd.control.fuzzy_gears import FuzzyGears, FuzzyGearsSettings
 from followerd.control.interfaces import Target
@@ -160,5 +164,18 @@ def test_a_look_up_takes_microseconds() -> None:
 @pytest.mark.slow
 def test_both_surfaces_are_drawn_by_one_command(tmp_path: Path) -> None:
     assert len(picture(FuzzyGearsSettings(profile="paper")).axes) == 5
-    with pytest.raises(UsageError, match="image_centering"):
-        check("hpf-sim", picture=tmp_path / "a.png")
+    drawn = tmp_path / "a.png"
+    check("patches-sim", picture=drawn)
+    assert drawn.stat().st_size > 20_000
+    with pytest.raises(UsageError, match="cannot be written"):
+        check("hpf-sim", picture=tmp_path / "missing" / "a.png")
+
+
+def test_the_fields_are_as_long_as_the_guard_keeps_them() -> None:
+    config = load_config("hpf-sim", {"laser.baud": 38400, "laser.resolution_deg": 1})
+    guard, axes = pipeline_settings(config).guard, Figure().subplots()
+    fields.draw(axes, guard, laser_settings(config), equipment(config).camera)
+    labels = [str(patch.get_label()) for patch in axes.patches]
+    way = guard.speed_cap * guard.reaction_s + guard.speed_cap**2 / (2 * guard.deceleration_mps2)
+    assert f"free ahead at 0.70 m/s: {way + guard.margin_m:.2f} m" in labels
+    assert {"laser, 180 degrees", "camera, 48 degrees", "footprint"} <= set(labels)

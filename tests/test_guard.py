@@ -13,8 +13,10 @@ from followerd.control.guard import Guard, Situation, _since_report
 from followerd.control.interfaces import View
 from followerd.control.limits import GuardSettings
 from followerd.control.mode import Permission
+from followerd.control.plausible import is_finite_wish, is_plausible_odometry, is_plausible_pose
 from followerd.geometry import Array, Pose2
 from followerd.messages import (
+    Chassis,
     Clusters,
     Command,
     Odometry,
@@ -442,6 +444,16 @@ def test_an_arc_that_is_blocked_becomes_a_turn_on_the_spot() -> None:
     assert any(reason.stop is StopReason.OBSTACLE for reason in command.reasons)
 
 
+def test_a_robot_that_starts_anew_does_not_creep_on_by_ever_tighter_arcs() -> None:
+    """At 1 cm/s the least turn is an arc that ends nowhere; at walking pace it hits the box."""
+    b = bench().sees(seen((0, 20, 0.75)))
+    for k in range(60):
+        now = NOW + 0.02 * k
+        for name in STREAMS:
+            b.freshness.saw(name, now, now)
+        assert twist(b.guard.check(Twist(0.3, -0.07), b.situation, now)).v == 0.0
+
+
 def test_arcs_that_get_worse_and_worse_end_in_a_turn_on_the_spot() -> None:
     b = bench()
     wish = Twist(0.6418, 0.5787)
@@ -620,6 +632,50 @@ def test_a_robot_that_leads_may_leave_a_near_person_behind() -> None:
     assert b.check(Twist(0.6, 0.0)).stops
 
 
+# --- the body
+
+AMIGO = Chassis(0.16, 0.17, 0.14, 0.182, 0.5, radians(100.0), 2.0)
+POWERBOT = Chassis(0.369, 0.542, 0.34, 0.536, 0.3, radians(60.0), 4.0)
+
+
+def test_a_larger_base_is_given_more_room_and_more_time() -> None:
+    b = bench().sees(seen((0, 40, 1.3)))
+    before = twist(b.check(Twist(0.7, 0.0))).v
+    b.guard.fit(POWERBOT)
+    after = twist(b.check(Twist(0.7, 0.0))).v
+    assert after < before - 0.1
+    s = b.guard.settings
+    assert (s.front_m, s.rear_m, s.half_width_m, s.track_m) == (0.369, 0.542, 0.34, 0.536)
+    assert (s.watchdog_s, s.deceleration_mps2) == (4.0, 0.3)
+    assert s.turn_deceleration_degps2 == pytest.approx(60.0)
+    beside = bench().sees(post(0.0, 0.45))
+    beside.guard.fit(POWERBOT)
+    assert abs(twist(beside.check(Twist(0.0, 0.9))).omega) < 0.9
+
+
+def test_the_config_can_make_the_robot_larger_and_never_smaller() -> None:
+    b = bench(front_m=0.5, half_width_m=0.1)
+    b.guard.fit(POWERBOT)
+    assert (b.guard.settings.front_m, b.guard.settings.half_width_m) == (0.5, 0.34)
+    b.guard.fit(AMIGO)  # another base: what counts is the config and the base, not the one before
+    assert (b.guard.settings.front_m, b.guard.settings.half_width_m) == (0.5, 0.14)
+
+
+def test_a_track_that_the_config_names_holds() -> None:
+    for changes, track in (({}, 0.536), ({"track_m": 0.4}, 0.4)):
+        b = bench(**changes)
+        b.guard.fit(POWERBOT)
+        assert b.guard._twist(WheelSpeeds(0.0, 0.2)).omega == pytest.approx(0.2 / track)
+
+
+@pytest.mark.parametrize("value", [nan, inf, 0.0, -0.3])
+def test_a_base_of_absurd_dimensions_changes_nothing(value: float) -> None:
+    for name in ("front", "track", "deceleration", "watchdog"):
+        b = bench()
+        b.guard.fit(replace(POWERBOT, **{name: value}))
+        assert b.guard.settings == GuardSettings()
+
+
 # --- other wishes
 
 
@@ -727,3 +783,81 @@ def test_what_is_allowed_stops_before_anything_in_its_way(
         moved = (~Pose2().moved(got.v, got.omega, travelled / got.v)).apply(points)
         inside = (moved[:, 0] < s.front_m) & (moved[:, 0] > -s.rear_m)
         assert not (inside & (np.abs(moved[:, 1]) < s.half_width_m - 1e-6)).any()
+
+
+huge = numbers | st.sampled_from([1e300, -1e300, 1e9, -1e9])
+poses = st.builds(Pose2, huge, huge, huge)
+
+
+def overlaid(runs: list[tuple[slice, float]]) -> Array:
+    """Ranges of 181 beams, some runs of them anything."""
+    ranges = seen()
+    for beams, value in runs:
+        ranges[beams] = value
+    return ranges
+
+
+beams = st.lists(st.tuples(st.slices(181), numbers), min_size=1, max_size=3).map(overlaid)
+sonars = st.lists(st.builds(Sonar, st.integers(0, 31), poses, huge), max_size=4).map(tuple)
+
+
+@given(
+    wishes, poses, st.builds(Odometry, huge, huge, poses, twists, sonar=sonars), beams, poses,
+    st.none() | st.tuples(huge, huge), huge, st.fixed_dictionaries(dict.fromkeys(STREAMS, huge)),
+    st.sampled_from(["wish", "base", "odometry", "beams", "view", "target", "cap", "stamps"]),
+)  # fmt: skip
+def test_no_absurd_input_yields_a_motion(
+    wish: Wish, base: Pose2, odometry: Odometry, ranges: Array, taken: Pose2,
+    target: tuple[float, float] | None, cap: float, stamps: dict[str, float], what: str,
+) -> None:  # fmt: skip
+    """Each input in turn is anything at all; the others are as they should be."""
+    b = bench()
+    given_wish: Wish = Twist(0.3, 0.1)
+    s = b.situation
+    match what:
+        case "wish":
+            given_wish = wish
+        case "base":
+            b.situation = replace(s, base=base)
+        case "odometry":
+            b.guard.sense(odometry)
+            b.situation = replace(s, odometry=odometry)
+        case "beams":
+            b.sees(ranges)
+        case "view":
+            assert s.view is not None
+            b.situation = replace(s, view=replace(s.view, base=taken))
+        case "target":
+            b.situation = replace(s, target=target)
+        case "cap":
+            b.situation = replace(s, permission=Permission(True, cap))
+        case _:
+            b.freshness.newest.update(stamps)
+    command = b.guard.check(given_wish, b.situation, NOW)
+    if is_absurd(what, b.situation, given_wish, b):
+        assert command.stops
+    got = Twist() if command.motion is None else b.guard._twist(command.motion)
+    assert abs(got.v) <= 0.7
+    assert abs(got.omega) <= radians(57.0) + 1e-9
+
+
+def is_absurd(what: str, s: Situation, wish: Wish, b: Bench) -> bool:
+    """Whether an input is not a number, not finite, or beyond what can be."""
+    assert s.base is not None
+    assert s.odometry is not None
+    assert s.view is not None
+    match what:
+        case "wish":
+            return not is_finite_wish(wish)
+        case "base":
+            return not is_plausible_pose(s.base)
+        case "odometry":
+            return not is_plausible_odometry(s.odometry)
+        case "beams":
+            return bool(np.isnan(s.view.scan.ranges).all() or (s.view.scan.ranges < 0).any())
+        case "view":
+            return not is_plausible_pose(s.view.base)
+        case "stamps":
+            return not all(NOW - 1.0 < stamp < NOW + 0.1 for stamp in b.freshness.newest.values())
+        case _:
+            return False

@@ -5,15 +5,8 @@ from math import inf, radians
 import pytest
 
 from followerd.control.freshness import Freshness
-from followerd.control.mode import (
-    ARMED,
-    TRANSITIONS,
-    Action,
-    Modes,
-    ModeSettings,
-    Permission,
-    Signal,
-)
+from followerd.control.mode import Modes, ModeSettings, Permission
+from followerd.control.transitions import ARMED, LONGEST, TRANSITIONS, Action, Signal
 from followerd.geometry import Pose2
 from followerd.messages import (
     BatteryLevel,
@@ -563,3 +556,48 @@ def test_from_driving_by_hand_following_is_armed_as_usual() -> None:
     story.do(Action.ENROL, Action.CONFIRM, Action.ARM)
     story.run(1.0)
     assert story.mode() is Mode.FOLLOWING
+
+
+@pytest.mark.parametrize("mode", list(Mode))
+@pytest.mark.parametrize("trigger", [*Action, *Signal])
+def test_the_modes_do_what_the_table_says_and_nothing_else(
+    mode: Mode, trigger: Action | Signal
+) -> None:
+    story = Story()
+    story.run(2.5)
+    story.do(Action.ENROL, Action.CONFIRM)
+    story.modes.mode = mode
+    if isinstance(trigger, Action):
+        refused = story.do(trigger)
+        assert bool(refused) is ((mode, trigger) not in TRANSITIONS)
+    else:
+        story.modes._go(trigger, story.now)
+    assert story.mode() is TRANSITIONS.get((mode, trigger), mode)
+
+
+def test_every_armed_mode_that_waits_gives_up_after_a_bounded_time() -> None:
+    waiting = {mode for mode, trigger in TRANSITIONS if trigger is Signal.SURE}
+    assert set(LONGEST) == waiting
+    for mode, name in LONGEST.items():
+        assert TRANSITIONS[mode, Signal.GIVE_UP] is Mode.IDLE
+        assert 0.0 < getattr(ModeSettings(), name) <= 60.0
+
+
+@pytest.mark.parametrize("phase", [TrackPhase.TENTATIVE, TrackPhase.OCCLUDED])
+def test_who_is_doubted_for_a_minute_must_be_armed_for_again(phase: TrackPhase) -> None:
+    story = following()
+    story.phase, story.confidence, story.sigma = phase, 0.1, 9.0
+    story.run(59.0)
+    assert story.mode() is Mode.HOLDING
+    permission = story.run(2.0)
+    assert story.mode() is Mode.IDLE
+    assert kinds(permission) == {StopReason.TARGET_LOST}
+    story.phase, story.confidence = TrackPhase.CONFIRMED, 0.9
+    assert not story.run(3.0).move
+
+
+def test_what_the_operator_holds_waits_for_ever() -> None:
+    story = following()
+    story.do(Action.HOLD)
+    story.run(70.0)
+    assert story.mode() is Mode.HOLDING

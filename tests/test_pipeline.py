@@ -9,7 +9,7 @@ import pytest
 from followerd.control.freshness import Freshness
 from followerd.control.image_centering import ImageCentering, ImageCenteringSettings
 from followerd.control.limits import GuardSettings
-from followerd.control.mode import Action
+from followerd.control.transitions import Action
 from followerd.geometry import Pose2
 from followerd.messages import (
     Decision,

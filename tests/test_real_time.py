@@ -99,6 +99,23 @@ def test_a_killed_daemon_leaves_a_robot_that_stands_until_it_is_armed_again(lab:
     assert after.pose.theta == stood.pose.theta
 
 
+def test_a_frozen_daemon_is_stopped_by_the_last_resort_and_does_not_drive_on_when_it_thaws(
+    lab: Lab,
+) -> None:
+    daemon = lab.daemon("auto")
+    lab.until(lambda: lab.newest().twist.v > 0.2)
+    daemon.send_signal(signal.SIGSTOP)
+    lab.until(lambda: abs(lab.newest().twist.v) < 1e-3)
+    stood = lab.newest()
+    daemon.send_signal(signal.SIGCONT)
+    time.sleep(1.0)
+    daemon.terminate()
+    _, told = daemon.communicate(timeout=10)
+    assert b"last resort: stop" in told  # the layer that stopped it
+    assert b"the loop was late" in told
+    assert distance(stood, lab.newest()) < 0.05
+
+
 def test_sigterm_stops_the_robot_before_the_daemon_ends(lab: Lab) -> None:
     summary = lab.folder / "summary.json"
     daemon = lab.daemon("auto", "--summary", str(summary))

@@ -21,7 +21,7 @@ from followerd.__main__ import call
 from followerd.bench.closed_loop import simulate
 from followerd.cli.recording import recorded
 from followerd.config import Config
-from followerd.control.mode import Action
+from followerd.control.transitions import Action
 from followerd.errors import UsageError
 from followerd.geometry import Camera, Pose2
 from followerd.hw.camera.calibration import Calibration, Lens

@@ -12,7 +12,7 @@ import pytest
 from followerd import app, clock
 from followerd.bench.closed_loop import simulate
 from followerd.config import load
-from followerd.control.mode import ARMED
+from followerd.control.transitions import ARMED
 from followerd.geometry import Array, wrap_angle
 from followerd.hw.lms200.protocol import Telegram, TelegramDecoder
 from followerd.hw.lms200.scans import ScanTelegram, ranges_of

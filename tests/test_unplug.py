@@ -9,7 +9,7 @@ import pytest
 
 from followerd import app, clock
 from followerd.config import Config, load
-from followerd.control.mode import ARMED
+from followerd.control.transitions import ARMED
 from followerd.messages import Decision, Image, Measurement, Odometry, PtzState, Scan, StopReason
 from followerd.pytest_plugin import Simulation
 from followerd.runtime import logs

@@ -13,7 +13,7 @@ import numpy as np
 from followerd import app, clock
 from followerd.bench.closed_loop import simulate
 from followerd.config import load
-from followerd.control.mode import Action
+from followerd.control.transitions import Action
 from followerd.hw.p2os.commands import Cmd
 from followerd.hw.p2os.protocol import PacketDecoder
 from followerd.hw.p2os.writer import BRAKE, HALT

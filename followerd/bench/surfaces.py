@@ -1,7 +1,7 @@
 """A picture of a fuzzy follow law: its sets, and speed and gain over their inputs."""
 
 import numpy as np
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 
 from followerd.control.fuzzy import SETS, Surface, load, memberships
 from followerd.control.fuzzy_gears import FuzzyGearsSettings
@@ -11,8 +11,14 @@ FINE = 101  # points each way
 
 def picture(settings: FuzzyGearsSettings) -> Figure:
     """Input sets, the speed over what is ahead, the gain over what is aside."""
-    rules = load(settings.rules or settings.profile)
     figure = Figure((12.0, 4.0), layout="constrained")
+    draw(figure, settings)
+    return figure
+
+
+def draw(figure: FigureBase, settings: FuzzyGearsSettings) -> None:
+    """The same into a part of a figure."""
+    rules = load(settings.rules or settings.profile)
     sets, speed, gear = figure.subplots(1, 3)
     half = np.linspace(-1.0, 1.0, FINE)
     for name, grades in zip(SETS, memberships(half, rules.sigma), strict=True):
@@ -29,7 +35,6 @@ def picture(settings: FuzzyGearsSettings) -> Figure:
         ax.set_title(title)
     speed.set(xlabel="ahead, m", ylabel="velocity ahead, m/s")
     gear.set(xlabel="left, m", ylabel="velocity to the left, m/s")
-    return figure
 
 
 def grid(surface: Surface) -> tuple[list[float], list[float]]:

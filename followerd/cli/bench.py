@@ -7,13 +7,26 @@ from cyclopts import Parameter
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from followerd.bench import faults, follow, jia, kwolek, motai, page, speed, tseng, zhuang
+from followerd.bench import (
+    faults,
+    follow,
+    jia,
+    kwolek,
+    motai,
+    obstacles,
+    page,
+    speed,
+    tseng,
+    zhuang,
+)
 from followerd.bench.report import write_html
 from followerd.bench.rows import Row, table, write_json
 from followerd.bench.sweep import executor
 from followerd.errors import UsageError
 
-Suite = Literal["zhuang", "tseng", "motai", "kwolek", "jia", "follow", "faults", "speed", "page"]
+Suite = Literal[
+    "zhuang", "tseng", "motai", "kwolek", "jia", "follow", "faults", "obstacles", "speed", "page"
+]
 SUITES = {
     "zhuang": zhuang.suite,
     "tseng": tseng.suite,
@@ -22,6 +35,7 @@ SUITES = {
     "jia": jia.suite,
     "follow": follow.suite,
     "faults": faults.suite,
+    "obstacles": obstacles.suite,
     "speed": speed.suite,
     "page": page.suite,
 }
@@ -41,7 +55,8 @@ def bench(
     boards, in scans), motai (predictors of a turning target), kwolek (a head on drawn images and in
     closed loop; a robot that finds itself on a map), jia (patches in images with depth, their
     filter and follow law), follow (the whole daemon in closed loop), faults (devices that fail
-    meanwhile), speed (time per frame), page (what the operator's page and recording cost).
+    meanwhile), obstacles (things that are suddenly in the way), speed (time per frame), page (what
+    the operator's page and recording cost).
 
     Parameters
     ----------

@@ -5,9 +5,10 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
+from matplotlib.figure import Figure
 
-from followerd.app import verify
-from followerd.bench import surfaces
+from followerd.app import equipment, laser_settings, pipeline_settings, verify
+from followerd.bench import fields, surfaces
 from followerd.config import Config, find, load
 from followerd.config import schema as config_schema
 from followerd.control.fuzzy_gears import FuzzyGearsSettings
@@ -19,7 +20,10 @@ def check(
     *,
     picture: Annotated[
         Path | None,
-        Parameter(help="draw the sets and surfaces of a fuzzy follow law into this *.png"),
+        Parameter(
+            help="draw footprint, protective fields and fields of view into this *.png;"
+            " of a fuzzy follow law also its sets and surfaces"
+        ),
     ] = None,
 ) -> None:
     """Validate a config file (or a shipped one, by name) and say what it sets up."""
@@ -41,11 +45,16 @@ def check(
 
 def _draw(config: Config, path: Path) -> None:
     law = config.controller
-    if law.kind != "fuzzy_gears":
-        raise UsageError(f"--picture: a {law.kind} follow law has no surfaces; fuzzy_gears has")
-    settings = FuzzyGearsSettings.model_validate(law.model_dump(exclude={"kind"}))
+    fuzzy = law.kind == "fuzzy_gears"
+    figure = Figure((12.0, 14.0) if fuzzy else (8.0, 9.0), layout="constrained")
+    parts = figure.subfigures(1 + fuzzy, 1, squeeze=False, height_ratios=[9.0, 5.0][: 1 + fuzzy])
+    guard, camera = pipeline_settings(config).guard, equipment(config).camera
+    fields.draw(parts[0, 0].subplots(), guard, laser_settings(config), camera)
+    if fuzzy:
+        settings = FuzzyGearsSettings.model_validate(law.model_dump(exclude={"kind"}))
+        surfaces.draw(parts[1, 0], settings)
     try:
-        surfaces.picture(settings).savefig(path, dpi=110)
+        figure.savefig(path, dpi=110)
     except (OSError, ValueError) as error:
         raise UsageError(f"--picture {path}: cannot be written: {error}") from error
 

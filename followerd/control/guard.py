@@ -13,11 +13,13 @@ from followerd.control.plausible import (
     from_the_future,
     is_finite_wish,
     is_plausible_odometry,
+    is_plausible_pose,
     is_plausible_scan,
 )
 from followerd.control.way import Way
 from followerd.geometry import Pose2, wrap_angle
 from followerd.messages import (
+    Chassis,
     Command,
     Odometry,
     Reason,
@@ -51,6 +53,7 @@ class Guard:
     """Only what leaves `check` may reach the wheels."""
 
     def __init__(self, settings: GuardSettings, freshness: Freshness) -> None:
+        self._configured = settings
         self.settings = settings
         self.freshness = freshness
         self._way = Way(settings)
@@ -60,9 +63,15 @@ class Guard:
         self._looked_at: View | None = None
         self._plausible = False  # what was looked at
 
+    def fit(self, base: Chassis) -> None:
+        """The base has told its dimensions; they count where they ask for more room."""
+        self.settings = self._configured.fitted(base)
+        self._way = Way(self.settings)
+
     def sense(self, odometry: Odometry) -> None:
-        """Remember the sonar readings of a base report."""
-        self._echoes.sense(odometry)
+        """Remember the sonar readings of a base report that can be."""
+        if is_plausible_odometry(odometry):
+            self._echoes.sense(odometry)
 
     def check(
         self,
@@ -118,6 +127,8 @@ class Guard:
             absurd.append("odometry")
         if view is not None and not self._is_plausible(view):
             absurd.append("scan")
+        if situation.base is not None and not is_plausible_pose(situation.base):
+            absurd.append("position")
         if situation.base is None or odometry is None:
             return [Reason(StopReason.ODOMETRY_STALE, "odometry", "position unknown")]
         if view is None:
@@ -127,7 +138,9 @@ class Guard:
     def _is_plausible(self, view: View) -> bool:
         if view is not self._looked_at:
             self._looked_at = view
-            self._plausible = is_plausible_scan(view.scan, self.settings.max_missing_share)
+            self._plausible = is_plausible_pose(view.base) and is_plausible_scan(
+                view.scan, self.settings.max_missing_share
+            )
         return self._plausible
 
     def _twist(self, wish: Wish, turned: float = 0.0) -> Twist:
@@ -244,10 +257,11 @@ class Guard:
         if omega != 0.0:
             limit, why = self._way.free_turn(omega, obstacles), "beside the robot, in its turn"
             omega = _slower(omega, limit, reasons, StopReason.OBSTACLE, "laser", why)
-        v, why = self._along(twist.v, omega, obstacles)
+        v, why = self._along(twist.v, omega, omega, obstacles)
         if omega != 0.0 and abs(v) < abs(twist.v) < abs(capped.v):
             eased = omega * twist.v / capped.v
-            farther, reason = self._along(twist.v, eased, obstacles)
+            start = omega * self.settings.start_mps / abs(capped.v)
+            farther, reason = self._along(twist.v, eased, start, obstacles)
             if abs(farther) > abs(v):
                 v, omega, why = farther, eased, reason
         v = _slower(twist.v, abs(v), reasons, StopReason.OBSTACLE, "laser", why)
@@ -265,18 +279,26 @@ class Guard:
         reasons.append(Reason(StopReason.OBSTACLE, "laser", why, full_stop=False))
         return replace(turn, angle=turned + copysign(free, rest))
 
-    def _along(self, v: float, omega: float, obstacles: Obstacles) -> tuple[float, str]:
+    def _along(
+        self, v: float, omega: float, start_omega: float, obstacles: Obstacles
+    ) -> tuple[float, str]:
         """The speed up to `v` that may be driven while turning at `omega`, and what limits it.
 
-        A lower speed at the same turn rate sweeps another arc: what is allowed is checked again.
+        A lower speed at the same turn rate sweeps another arc: what is allowed is checked again. A
+        robot that stands, or crawls, needs room for `start_mps` at `start_omega`: it neither creeps
+        up to its margin nor, by arcs as tight as a crawl makes them, past it.
         """
-        why = ""
+        why, slow = "", self.settings.start_mps
+        if v != 0.0 and max(abs(v), abs(self._approved.v)) < slow:
+            limit, why = self._way.free_speed(Twist(copysign(slow, v), start_omega), obstacles)
+            if limit < slow:
+                return 0.0, why
         for _ in range(TRIES):
             if v == 0.0:
                 break
             limit, why = self._way.free_speed(Twist(v, omega), obstacles)
-            if self._approved.v == 0.0 and limit < self.settings.start_mps:
-                limit = 0.0  # a robot that stands does not creep up to its margin
+            if self._approved.v == 0.0 and limit < slow:
+                limit = 0.0
             if abs(v) <= limit:
                 break
             # an arc of lower speed may be a little less free

@@ -1,7 +1,11 @@
 """The figures the guard holds the robot to."""
 
+from dataclasses import astuple
+from math import degrees, inf
+
 from pydantic import Field
 
+from followerd.messages import Chassis
 from followerd.settings import Settings
 
 
@@ -48,6 +52,27 @@ class GuardSettings(Settings):
     slow_after: float = Field(0.7, gt=0, le=1, description="share of a stream's age limit")
     slow_speed_mps: float = Field(0.3, gt=0, description="with data that old")
     valid_s: float = Field(0.22, gt=0, le=0.22, description="longest life of a command")
+
+    def fitted(self, base: Chassis) -> "GuardSettings":
+        """For the dimensions of `base`; the config can only make it larger and slower to stop.
+
+        The track is the base's unless the config names one.
+        """
+        if not all(0.0 < figure < inf for figure in astuple(base)):
+            return self
+        larger = {
+            "front_m": max(self.front_m, base.front),
+            "rear_m": max(self.rear_m, base.rear),
+            "half_width_m": max(self.half_width_m, base.half_width),
+            "watchdog_s": max(self.watchdog_s, base.watchdog),
+            "deceleration_mps2": min(self.deceleration_mps2, base.deceleration),
+            "turn_deceleration_degps2": min(
+                self.turn_deceleration_degps2, degrees(base.turn_deceleration)
+            ),
+        }
+        if "track_m" not in self.model_fields_set:
+            larger["track_m"] = base.track
+        return self.model_copy(update=larger)
 
     @property
     def speed_cap(self) -> float:

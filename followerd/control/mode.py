@@ -1,16 +1,12 @@
-"""What the robot is allowed to do: one table of modes, and the permission each mode gives.
-
-DISARMED -> READY -> FOLLOWING <-> HOLDING -> SEARCHING -> IDLE      FAULT, ESTOP (latched)
-MANUAL: driven by hand, with a dead-man (FAILSAFES F14)
-"""
+"""What the robot is allowed to do: which mode it is in (`transitions`), and what that permits."""
 
 from dataclasses import dataclass, replace
-from enum import Enum
 from math import copysign, inf, radians
 
 from pydantic import Field
 
 from followerd.control.freshness import Freshness
+from followerd.control.transitions import ARMED, LONGEST, TRANSITIONS, Action, Signal
 from followerd.messages import (
     BatteryLevel,
     Fault,
@@ -24,64 +20,8 @@ from followerd.messages import (
 )
 from followerd.settings import Settings
 
-
-class Action(Enum):
-    """What an operator can do."""
-
-    ENROL = "enrol"
-    CONFIRM = "confirm"
-    ARM = "arm"
-    HOLD = "hold"
-    DISARM = "disarm"
-    STOP = "stop"
-    CLEAR = "clear"
-    MANUAL = "manual"
-
-
-class Signal(Enum):
-    """What happens by itself."""
-
-    SURE = "enough good frames, motors on"
-    UNSURE = "identity or data not good enough"
-    LOST = "the person is gone"
-    GIVE_UP = "searched long enough"
-    RELEASE = "must be armed again"
-    BREAK = "a device failed"
-
-
+GAVE_UP = "waited or searched in vain"
 _DRAINED = (BatteryLevel.LOW, BatteryLevel.WEAK)
-ARMED = frozenset(
-    {Mode.READY, Mode.FOLLOWING, Mode.HOLDING, Mode.SEARCHING, Mode.IDLE, Mode.MANUAL}
-)
-
-TRANSITIONS: dict[tuple[Mode, Action | Signal], Mode] = {
-    **{(mode, Action.STOP): Mode.ESTOP for mode in Mode},
-    **{(mode, Signal.BREAK): Mode.FAULT for mode in ARMED},
-    **{(mode, Signal.RELEASE): Mode.DISARMED for mode in ARMED},
-    **{(mode, Action.DISARM): Mode.DISARMED for mode in ARMED},
-    **{(mode, Action.ENROL): Mode.DISARMED for mode in ARMED},  # another person: confirm, arm
-    **{(mode, Action.HOLD): Mode.HOLDING for mode in ARMED},
-    **{(mode, Action.MANUAL): Mode.MANUAL for mode in (Mode.DISARMED, *ARMED)},
-    (Mode.ESTOP, Action.CLEAR): Mode.DISARMED,
-    (Mode.FAULT, Action.CLEAR): Mode.DISARMED,
-    (Mode.FAULT, Action.DISARM): Mode.DISARMED,
-    (Mode.DISARMED, Action.ENROL): Mode.DISARMED,
-    (Mode.DISARMED, Action.CONFIRM): Mode.DISARMED,
-    (Mode.DISARMED, Action.ARM): Mode.READY,
-    (Mode.FAULT, Action.ENROL): Mode.FAULT,
-    (Mode.FAULT, Action.CONFIRM): Mode.FAULT,
-    (Mode.FAULT, Action.ARM): Mode.READY,
-    (Mode.HOLDING, Action.ARM): Mode.READY,
-    (Mode.IDLE, Action.ARM): Mode.READY,
-    (Mode.MANUAL, Action.ARM): Mode.READY,
-    (Mode.READY, Signal.SURE): Mode.FOLLOWING,
-    (Mode.HOLDING, Signal.SURE): Mode.FOLLOWING,
-    (Mode.SEARCHING, Signal.SURE): Mode.FOLLOWING,
-    (Mode.FOLLOWING, Signal.UNSURE): Mode.HOLDING,
-    (Mode.FOLLOWING, Signal.LOST): Mode.SEARCHING,
-    (Mode.HOLDING, Signal.LOST): Mode.SEARCHING,
-    (Mode.SEARCHING, Signal.GIVE_UP): Mode.IDLE,
-}
 
 
 class ModeSettings(Settings):
@@ -93,6 +33,7 @@ class ModeSettings(Settings):
     good_frames: int = Field(5, ge=5, description="in a row, before motion resumes")
     unsure_grace_s: float = Field(0.17, ge=0, le=0.2, description="doubt before the robot stops")
     coast_s: float = Field(0.42, ge=0, le=0.45, description="motion after the person is lost")
+    wait_s: float = Field(60.0, gt=0, description="for a sure view of the person, armed")
     search_s: float = Field(10.0, ge=0, le=10.0, description="turning to find the person again")
     search_turn_degps: float = Field(25.0, gt=0, le=28.6, description="while searching")
     occluded_s: float = Field(5.0, ge=0, le=5.0, description="following a prediction")
@@ -280,8 +221,9 @@ class Modes:
             self._go(Signal.LOST, now)
         elif not lost and doubt >= self._patience():
             self._go(Signal.UNSURE, now)
-        if self.mode is Mode.SEARCHING and now - self._since >= s.search_s:
-            self._go(Signal.GIVE_UP, now)
+        longest = LONGEST.get(self.mode)
+        if longest and not self._held and now - self._since >= getattr(s, longest):
+            self._go(Signal.GIVE_UP, now, Reason(StopReason.TARGET_LOST, "tracker", GAVE_UP))
 
     def _patience(self) -> float:
         if self._phase is TrackPhase.OCCLUDED:
@@ -327,7 +269,7 @@ class Modes:
         if self.mode is Mode.HOLDING:
             return (Reason(StopReason.HOLD),)
         if self.mode is Mode.IDLE:
-            return (Reason(StopReason.TARGET_LOST, "tracker", "searched in vain"),)
+            return self._why
         if self.mode is Mode.READY:
             return (Reason(StopReason.START_UP, "", "motors and a steady view of the person"),)
         refusal = self._unfit(now)

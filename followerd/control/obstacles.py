@@ -5,6 +5,7 @@ from math import cos, pi, radians
 
 import numpy as np
 
+from followerd.control.plausible import is_plausible_pose
 from followerd.geometry import Array, Pose2, wrap_angle
 from followerd.messages import Odometry, Scan
 
@@ -46,8 +47,10 @@ class Echoes:
         self._heard: Array = np.empty((0, 2))  # m in `odom`, where all of `_near` are fresh
 
     def sense(self, odometry: Odometry) -> None:
-        """Take the readings of a base report."""
+        """Take the readings of a base report; a range that is no number tells nothing."""
         for reading in odometry.sonar:
+            if not reading.range >= 0.0 or not is_plausible_pose(reading.pose):
+                continue
             x, y = (odometry.pose @ reading.pose).apply_point(reading.range, 0.0)
             ahead = cos(reading.pose.theta)
             self._by_disc[reading.disc] = Echo(odometry.stamp, ahead, x, y, reading.range)

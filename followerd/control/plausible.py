@@ -5,11 +5,18 @@ from math import isfinite
 
 import numpy as np
 
+from followerd.geometry import Pose2
 from followerd.messages import Odometry, Scan, Twist, WheelSpeeds, Wish
 
 FUTURE = 0.05  # s, a stamp may run ahead of now
 FASTEST = 3.0  # m/s, no Pioneer drives faster
 FASTEST_TURN = 9.0  # rad/s
+FARTHEST = 1e6  # m, from where the odometry began
+
+
+def is_plausible_pose(pose: Pose2) -> bool:
+    """Whether a robot can be there: from nowhere nothing would seem in the way."""
+    return abs(pose.x) < FARTHEST and abs(pose.y) < FARTHEST and isfinite(pose.theta)
 
 
 def is_finite_wish(wish: Wish) -> bool:
@@ -24,8 +31,7 @@ def is_finite_wish(wish: Wish) -> bool:
 def is_plausible_odometry(odometry: Odometry) -> bool:
     """Whether a base can be there and that fast."""
     pose, twist = odometry.pose, odometry.twist
-    finite = all(map(isfinite, (pose.x, pose.y, pose.theta, twist.v, twist.omega)))
-    return finite and abs(twist.v) <= FASTEST and abs(twist.omega) <= FASTEST_TURN
+    return is_plausible_pose(pose) and abs(twist.v) <= FASTEST and abs(twist.omega) <= FASTEST_TURN
 
 
 def is_plausible_scan(scan: Scan, max_missing_share: float) -> bool:

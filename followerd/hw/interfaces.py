@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
-from followerd.messages import Command, Measurement
+from followerd.messages import Chassis, Command, Measurement
 
 Sink = Callable[[Measurement], None]
 
@@ -25,6 +25,10 @@ class Base(Sensor, Protocol):
     """The robot base: its sensor is odometry; nothing else in the daemon moves wheels."""
 
     on_sent: Callable[[Command, float], None]  # called with the loop time of the last byte written
+
+    @property
+    def chassis(self) -> Chassis | None:
+        """Of the base connected now, or last; None: not known yet."""
 
     def drive(self, command: Command) -> None:
         """Take over `command` at once: the newest overwrites; it is dropped while not connected.

@@ -8,7 +8,7 @@ projected into the image, one of scans the place.
 import structlog
 
 from followerd import clock
-from followerd.control.mode import Action
+from followerd.control.transitions import Action
 from followerd.errors import UsageError
 from followerd.geometry import Camera
 from followerd.messages import Box, Image, Measurement, Scan

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from followerd import clock
-from followerd.control.mode import Action
+from followerd.control.transitions import Action
 from followerd.errors import DeviceError, FollowerdError, UsageError
 from followerd.messages import Box, RobotPose
 from followerd.runtime.daemon import Daemon

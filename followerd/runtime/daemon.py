@@ -5,13 +5,14 @@ from collections.abc import Callable, Sequence
 import structlog
 
 from followerd import clock
-from followerd.control.mode import Action
 from followerd.control.novelty import Novelty
+from followerd.control.transitions import Action
 from followerd.errors import UsageError
 from followerd.estimation.gaze import Gaze
 from followerd.hw.interfaces import Base, ExposureLock, Herald, PanTilt, Sensor
 from followerd.messages import (
     Box,
+    Chassis,
     Decision,
     Fault,
     Image,
@@ -25,6 +26,7 @@ from followerd.pipeline import Coming, Event, Late, Operator, Pipeline, Tick
 from followerd.record.journal import Entry, Taken
 from followerd.runtime.overheard import Hear
 from followerd.runtime.pointing import Pointing
+from followerd.runtime.pressure import Pressure
 from followerd.runtime.scanning import Scanning
 from followerd.runtime.shadows import Shadows
 from followerd.runtime.stats import Stats
@@ -73,6 +75,7 @@ class Daemon:
         self.vision = Vision(looking, self.handle, self._consumed, image_work)
         self.pointing = Pointing(pipeline.ego_at, heads=heads)
         self.stats = Stats(began=clock.now())
+        self.pressure = Pressure(self.stats)
         self.decision: Decision | None = None
         self.decision_watchers: list[Callable[[Decision], None]] = []
         self.journal_watchers: list[Callable[[Entry], None]] = []
@@ -85,6 +88,7 @@ class Daemon:
             self.decision_watchers.append(shadows.note)
         self._novelty = Novelty()
         self._gaze = Gaze()
+        self._chassis: Chassis | None = None
         self._motors = False
         self._look: LookAt | None = None
         base.on_sent = self.stats.sent
@@ -98,8 +102,9 @@ class Daemon:
         devices = [supervise(sensor, self.take, self.handle) for sensor in sensors]
         beside = [] if self.shadows is None else [self.shadows.run()]
         try:
-            own = self.vision.run(), self._tick(), self.stats.watch_lag()
-            await clock.together(*devices, *own, *beside)
+            own = self.vision.run(), self._tick()
+            watching = self.stats.watch_lag(), self.pressure.watch()
+            await clock.together(*devices, *own, *watching, *beside)
         finally:
             self.stats.finish(clock.now())
 
@@ -112,8 +117,11 @@ class Daemon:
         aimed: Measurement | None = measurement
         if isinstance(measurement, Image) and self.head is not None:
             aimed = self._gaze.aimed(measurement)
-        for watch in self.measurement_watchers:
-            watch(aimed or measurement)
+        if isinstance(measurement, Image) and self.pressure.why:
+            self.stats.measured(measurement)
+        else:
+            for watch in self.measurement_watchers:
+                watch(aimed or measurement)
         if not self._is_new(measurement):
             return
         if isinstance(aimed, Image):
@@ -121,6 +129,7 @@ class Daemon:
         elif isinstance(aimed, PtzState):
             self._gaze.note(aimed)
         elif aimed is not None:
+            self._measure_base()
             self.handle(aimed)
             if self.scanning is not None and isinstance(aimed, Scan):
                 self.scanning.take(aimed, self.pipeline.pose)
@@ -131,6 +140,12 @@ class Daemon:
         missed = now - fresh.newest[stream] > MISSED * fresh.stale_after[stream]
         if missed and not self._novelty.repeated.get(stream):
             self.handle(Coming(stream))
+
+    def _measure_base(self) -> None:
+        """Once the base has told its dimensions the guard must know them."""
+        if self.base.chassis is not None and self.base.chassis != self._chassis:
+            self._chassis = self.base.chassis
+            self.handle(self._chassis)
 
     def _is_new(self, measurement: Measurement) -> bool:
         """What a stuck device repeats is not used: the robot stops as when it says nothing."""

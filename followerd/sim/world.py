@@ -13,7 +13,7 @@ from followerd.sim.people import LEG_RADIUS, Motion, Pedestrian, Walker, legs
 from followerd.sim.place import LASER_HEIGHT, Place
 from followerd.sim.raycast import cast
 from followerd.sim.render import Draw, Renderer, Shot
-from followerd.sim.scenarios import Scenario
+from followerd.sim.scenarios import Block, Column, Scenario
 from followerd.sim.truth import Actor, Truth
 from followerd.sim.wardrobe import dress
 
@@ -171,6 +171,16 @@ class World:
         if self._free <= 0.0:
             touched.append(self._fixed[1:])
         return touched
+
+    def put(self, *things: Block | Column) -> None:
+        """Things that were not there before, instead of those put there last."""
+        old = self.scenario
+        boxes = tuple(thing for thing in things if isinstance(thing, Block))
+        columns = tuple(thing for thing in things if isinstance(thing, Column))
+        more = {"boxes": (*old.boxes, *boxes), "columns": (*old.columns, *columns)}
+        self.place = Place(old.model_copy(update=more))
+        self._fixed = self.place.nearest(self.pose.x, self.pose.y)
+        self._free = self._fixed[0] - old.robot.radius_m
 
     # --- what happens on the grid of TICK -----------------------------------------------------
 

@@ -64,8 +64,8 @@ class Page:
         self._tell = tell
         self._daemon = daemon
         floor = app.floor_of(config)
-        walls = [] if floor is None else walls_view(floor.walls)
-        self._still = {"body": body_view(config.pipeline.guard), "walls": walls}
+        self._walls = [] if floor is None else walls_view(floor.walls)
+        self._guard = daemon.pipeline.guard
         self._registry = metrics.registry(daemon)
         self._names = count(1)
         self._sockets: set[web.WebSocketResponse] = set()
@@ -170,7 +170,8 @@ class Page:
         """What does not change: the robot's body, and the map's walls."""
         if not self.access.admits(request):
             return web.json_response({"error": "log in first"}, status=401)
-        return web.json_response(self._still)
+        body = body_view(self._guard.settings)
+        return web.json_response({"body": body, "walls": self._walls})
 
     async def _metrics(self, request: web.Request) -> web.StreamResponse:
         if not self.access.is_local and not self.access.admits(request):

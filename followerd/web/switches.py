@@ -6,7 +6,7 @@ from math import radians
 from typing import Any
 
 from followerd.config import Config
-from followerd.control.mode import ARMED
+from followerd.control.transitions import ARMED
 from followerd.errors import FollowerdError
 from followerd.messages import Twist
 from followerd.runtime.daemon import Daemon

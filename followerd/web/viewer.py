@@ -8,7 +8,7 @@ from typing import Any
 from aiohttp import WSMsgType, web
 
 from followerd import clock
-from followerd.control.mode import Action
+from followerd.control.transitions import Action
 from followerd.errors import FollowerdError, UsageError
 from followerd.messages import Image, Twist
 from followerd.pipeline import Hand, Presence

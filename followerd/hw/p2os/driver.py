@@ -23,7 +23,7 @@ from followerd.hw.p2os.writer import HALT, Caps
 from followerd.hw.stream import Link
 from followerd.hw.vcc50i.protocol import END
 from followerd.hw.vcc50i.replies import SHORTEST, rest_of_answer
-from followerd.messages import Command
+from followerd.messages import Chassis, Command
 
 CANON = Replies(SHORTEST, END, rest_of_answer)
 SWEEP = (9600, 38400, 19200, 115200, 57600)  # by how often they are met
@@ -63,6 +63,11 @@ class P2osBase:
         """What the running session never exceeds; None while not connected."""
         session = self._ready()
         return None if session is None else session.writer.caps
+
+    @property
+    def chassis(self) -> Chassis | None:
+        """See Base."""
+        return None if self.parameters is None else self.parameters.chassis
 
     def aux_link(self, port: int = 1, replies: Replies = CANON) -> Link:
         """The link of a device, a Canon head by default, on AUX port 1, 2 or 3.

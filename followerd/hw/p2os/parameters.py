@@ -6,6 +6,7 @@ from math import nan, radians
 from followerd.hw.p2os.config import Config, Identity
 from followerd.hw.p2os.models import Model
 from followerd.hw.p2os.settings import P2osSettings
+from followerd.messages import Chassis
 
 WATCHDOG = 2.0  # s, of the firmware, where it does not say
 VOLTS = (5.0, 60.0)  # V, of any robot's battery
@@ -34,6 +35,19 @@ class Parameters:
     cycle: float  # s between status packets
     low_battery: float  # V
     shutdown: float  # V, at which the base switches itself off
+
+    @property
+    def chassis(self) -> Chassis:
+        """What the guard must know of it."""
+        return Chassis(
+            self.front,
+            self.rear,
+            self.half_width,
+            self.track,
+            self.deceleration,
+            self.turn_deceleration,
+            self.watchdog,
+        )
 
 
 def parameters(
