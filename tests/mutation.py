@@ -28,7 +28,11 @@ TARGETS = {
         "tests/test_guard_bounds.py",
         "tests/test_pipeline.py",
     ),
-    "followerd.control.mode": ("tests/test_mode.py", "tests/test_pipeline.py"),
+    "followerd.control.mode": (
+        "tests/test_mode.py",
+        "tests/test_mode_bounds.py",
+        "tests/test_pipeline.py",
+    ),
 }
 EQUIVALENT = ROOT / "tests" / "equivalent_mutants.txt"  # a line each: change, then why
 COMPARISONS: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
