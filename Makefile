@@ -48,7 +48,7 @@ coverage: $(READY) ## every branch of the protocols and of the guard is tested
 	  $(addprefix tests/test_,p2os_protocol.py lms200_protocol.py vcc50i_protocol.py camera.py guard.py clearance.py mode.py pipeline.py)
 	$(BIN)/coverage report --include="followerd/hw/*/protocol.py,followerd/control/guard.py" --fail-under=100
 
-mutation: $(READY) ## is every small change of the guard and of the modes noticed; half an hour
+mutation: $(READY) ## is every small change of the guard and of the modes noticed; some ten minutes
 	$(BIN)/python -m tests.mutation
 
 install-service: ## as root: the systemd unit and the udev rules, which keep what you wrote into them

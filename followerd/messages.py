@@ -285,6 +285,9 @@ class Sight:
     pan: float  # rad in `odom`, left; without jumps while the person is in sight
 
 
+VAGUE = 0.6  # m, of a place
+
+
 @dataclass(frozen=True, slots=True)
 class Place:
     """Where another sensor than the camera sees, or expects, the followed person."""
@@ -294,6 +297,11 @@ class Place:
     sigma: float = 0.0  # m, of either
     seen: bool = True  # False: hidden by somebody, where they should be by now
     refuted: bool = False  # what the tracker follows is not the person
+
+    @property
+    def vague(self) -> bool:
+        """Whether it only says where the person was once: nothing to measure by."""
+        return self.sigma > VAGUE
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,9 +23,17 @@ from rich.progress import track
 
 ROOT = Path(__file__).parent.parent
 TARGETS = {
-    "followerd.control.guard": ("tests/test_guard.py", "tests/test_pipeline.py"),
-    "followerd.control.transitions": ("tests/test_mode.py",),
-    "followerd.control.mode": ("tests/test_mode.py", "tests/test_pipeline.py"),
+    "followerd.control.guard": (
+        "tests/test_guard.py",
+        "tests/test_guard_bounds.py",
+        "tests/test_pipeline.py",
+    ),
+    "followerd.control.transitions": ("tests/test_mode.py", "tests/test_mode_bounds.py"),
+    "followerd.control.mode": (
+        "tests/test_mode.py",
+        "tests/test_mode_bounds.py",
+        "tests/test_pipeline.py",
+    ),
 }
 EQUIVALENT = ROOT / "tests" / "equivalent_mutants.txt"  # a line each: change, then why
 COMPARISONS: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {

@@ -115,7 +115,7 @@ class HeadTracker:
         if not self.settings.depth:
             return None
         found = head_depth(image, head, self._depth)
-        if found is None and place is not None:
+        if found is None and place is not None and not place.vague:
             x, y = place.distance * np.cos(place.bearing), place.distance * np.sin(place.bearing)
             at = image.camera.project(np.array([[x, y, image.camera.z]]))[0, 2]
             found = float(at) if at > HEADS[1] else None

@@ -188,7 +188,7 @@ class Ofkf:
             share = FLOWN
         deviation = np.array(share) * finder.extent * (1.0 + WIDENING * self._unsure)
         self._depth = self._heard = None
-        if place is not None:
+        if place is not None and not place.vague:
             self._heed(image, place, foreseen, deviation)
         return foreseen, deviation
 
