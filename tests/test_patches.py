@@ -10,11 +10,11 @@ from followerd.errors import UsageError
 from followerd.geometry import Array, Camera, Pose2
 from followerd.messages import Box, Image, Pixels, Scan, TrackPhase, TrackState
 from followerd.perception.cells import Buffers, CellHistograms
-from followerd.perception.colour_bins import COLOURS, GREYS, colour_bins
+from followerd.perception.colour_bins import COLOURS, GREYS, colour_bins, dithered
 from followerd.perception.depth_band import modes, person_mode, torso_depth
 from followerd.perception.depth_people import bodies
 from followerd.perception.patch_detector import DetectorSettings, Found, PatchDetector
-from followerd.perception.spot import BEHIND, Spot, in_base, in_image, row
+from followerd.perception.spot import BEHIND, Spot, in_base, in_image, levelled, row, scale
 from followerd.perception.texture import FLAT, PATTERN, patterns
 from followerd.trackers.patches import Patches, PatchesSettings
 
@@ -119,6 +119,21 @@ def test_colours_are_told_apart_and_greys_have_only_brightness() -> None:
     assert colour_bins(np.array([[0, 255]], np.uint8)).max() < GREYS
 
 
+def test_brightness_near_the_border_of_two_bins_counts_for_both() -> None:
+    """So that a little more light does not make another colour of it."""
+
+    def shares(value: int) -> Array:
+        cloth = np.full((40, 40, 3), value, np.uint8)
+        return np.bincount(colour_bins(dithered(cloth)).ravel(), minlength=COLOURS) / 1600
+
+    darker, brighter = shares(93), shares(99)
+    alike = darker @ brighter / np.linalg.norm(darker) / np.linalg.norm(brighter)
+    assert alike > 0.9
+    assert colour_bins(np.full((1, 1), 93, np.uint8)) != colour_bins(np.full((1, 1), 99, np.uint8))
+    grey = np.full((40, 40), 93, np.uint8)
+    assert np.array_equal(dithered(grey), dithered(np.dstack([grey] * 3))[..., 1])
+
+
 def test_histograms_of_cells_are_those_counted_by_hand() -> None:
     rng = np.random.default_rng(0)
     first, second = (rng.integers(0, n, (40, 60)).astype(np.uint8) for n in (5, 3))
@@ -160,6 +175,20 @@ def test_a_spot_is_the_same_place_in_the_image_and_in_base() -> None:
     assert (back.u, back.v) == pytest.approx((140.0, 110.0))
     level = in_base(CAMERA, Spot(100.0, row(CAMERA, 2.4, 0.7), 2.4))
     assert level[2] == pytest.approx(0.7)
+
+
+def test_before_a_camera_that_looks_down_an_upright_body_is_of_one_depth() -> None:
+    camera = Camera.from_hfov(320, 240, 1.1, z=2.0, elevation=-0.4, yaw=0.2)
+    parts = np.array([[2.5, 0.3, height] for height in (0.2, 0.9, 1.6)])
+    for _, v, along in camera.project(parts).tolist():
+        flat = levelled(camera, np.full(SHAPE, along, np.float32))
+        assert flat[round(v), 0] == pytest.approx(2.51, abs=0.01)
+    spot = in_image(camera, parts[1])
+    assert spot is not None
+    assert row(camera, spot.depth, 0.9) == pytest.approx(spot.v)
+    ends = camera.project(parts[[1, 1]] + np.array([[0.0, 0.0, 0.05], [0.0, 0.0, -0.05]]))
+    _, up = scale(camera, spot.v, spot.depth + BEHIND)
+    assert (ends[1, 1] - ends[0, 1]) / 0.1 == pytest.approx(up, rel=1e-3)
 
 
 def test_bodies_are_found_among_walls() -> None:

@@ -48,7 +48,8 @@ TRACKERS: dict[str, dict[str, Any]] = {
         }
     },
 }
-ABLATIONS: dict[str, dict[str, Any]] = {  # in the scenario `occlusion`
+ABLATED = ("occlusion", "clutter")  # scenarios in which the ablations run
+ABLATIONS: dict[str, dict[str, Any]] = {
     "no_depth_mask": {"detector": {"depth_mask": False}},
     "no_occlusion": {"detector": {"occlusion": False}},
     "literal_learning": {"detector": {"literal_learning": True}},

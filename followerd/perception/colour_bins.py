@@ -12,6 +12,7 @@ COLOURS = HUES * SATURATIONS * VALUES
 GREY = 30  # saturation below which the hue is noise: only the value counts
 GREYS = 8  # values told apart there
 LEVELS = 32  # of each channel, in the table
+SPREAD = 0.3  # of brightness, by which pixels are dithered
 
 
 @cache
@@ -26,6 +27,26 @@ def _table() -> Pixels:
     coloured = (saturation * HUES + hue) * VALUES + v * VALUES // 256
     bins: Pixels = np.where(s < GREY, v * GREYS // 256, coloured).astype(np.uint8)
     return bins
+
+
+@cache
+def _gains() -> Pixels:
+    """Gains (1024, 1024, 3) in 128ths, 4 x 4 different ones evenly spread over 1 +- SPREAD."""
+    bayer = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]])
+    gains = 128.0 * (1.0 + SPREAD * ((2 * bayer + 1) / 16.0 - 1.0))
+    tiled: Pixels = np.tile(gains.round().astype(np.uint8)[..., None], (256, 256, 3))
+    return tiled
+
+
+def dithered(pixels: Pixels) -> Pixels:
+    """Neighbours (H, W, 3) or (H, W) made darker and brighter by turns.
+
+    So what lies near the border of two bins of brightness counts for both, by how near it lies.
+    """
+    gains = _gains()[: pixels.shape[0], : pixels.shape[1]]
+    if pixels.ndim == 2:
+        gains = np.ascontiguousarray(gains[..., 0])
+    return np.asarray(cv2.multiply(pixels, gains, scale=1.0 / 128.0), np.uint8)
 
 
 def colour_bins(pixels: Pixels) -> Pixels:

@@ -29,7 +29,7 @@ from followerd.perception.patches import (
     likeness,
     surely,
 )
-from followerd.perception.spot import Spot, in_base, row
+from followerd.perception.spot import Spot, in_base, levelled, row, scale
 from followerd.perception.whole_person import whole
 from followerd.settings import Settings
 
@@ -110,9 +110,9 @@ class PatchDetector:
         self._gain = 1.0  # that gives the person those again
         depth = self._depth(image)
         box, middle = whole(image, depth, region)
-        metre = image.camera.fy / middle  # px
-        self.height = box.h / metre  # m
-        self.width = max(box.w / metre, SLIM * self.height)  # m; who is seen from the side turns
+        across, up = scale(image.camera, box.centre[1], middle)
+        self.height = box.h / up  # m
+        self.width = max(box.w / across, SLIM * self.height)  # m; who is seen from the side turns
         self.first = Spot(*box.centre, middle)
         self.middle = float(in_base(image.camera, self.first)[2])  # m above the floor
         at = self.box(self.first, image)
@@ -121,7 +121,9 @@ class PatchDetector:
         if shown is None:
             raise UsageError("there is nothing to learn in that box; draw it around the person")
         kernel = depth is None or not settings.depth_mask
-        self.model = PatchModel(shown.view, settings.patch, paper, kernel)
+        self.model = PatchModel(
+            shown.view, settings.patch, paper, kernel, settings.literal_learning
+        )
         top = shown.band.top_row(at, THIN * at.w) if depth is not None else None
         # what depth misses of the head, in heights
         self._brim = 0.0 if top is None else min(max((top - at.y) / at.h, -HIGHEST), HIGHEST)
@@ -166,8 +168,7 @@ class PatchDetector:
         self._gain = shown.gain
         is_whole = hidden <= s.patch.partial
         if is_whole:
-            literal = s.literal_learning or self._paper
-            self.model.learn(shown.view, verdict, best, dt, literal)
+            self.model.learn(shown.view, verdict, best, dt)
         alike = likeness(verdict, best)
         sight = Sight(Found.PERSON, confidence(verdict, best), is_whole=is_whole, likeness=alike)
         return self._placed(sight, image, boxes[best], middle if depth is not None else None, shown)
@@ -211,8 +212,8 @@ class PatchDetector:
 
     def box(self, spot: Spot, image: Image) -> Box:
         """The whole person's box around a spot."""
-        metre = image.camera.fy / max(spot.depth, 0.3)
-        return Box.around(spot.u, spot.v, self.width * metre, self.height * metre)
+        across, up = scale(image.camera, spot.v, max(spot.depth, 0.3))
+        return Box.around(spot.u, spot.v, self.width * across, self.height * up)
 
     def _aside(
         self, depth: Depth, box: Box, middle: float, gate: float, reach: float
@@ -228,7 +229,9 @@ class PatchDetector:
         return best, shift
 
     def _depth(self, image: Image) -> Depth | None:
-        return image.depth if self.settings.use_depth else None
+        if image.depth is None or not self.settings.use_depth:
+            return None
+        return levelled(image.camera, image.depth)
 
     def _candidates(
         self, image: Image, spot: Spot, reach: float, rng: np.random.Generator
@@ -296,7 +299,9 @@ class PatchDetector:
             x = near.x if u is None else u - 0.5 * near.w
             y = near.y if top is None else top - self._brim * near.h
             box = Box(x, y, near.w, near.h)
-        depth = self.height * image.camera.fy / box.h if middle is None else middle
+        depth = middle
+        if depth is None:
+            depth = self.height * scale(image.camera, box.centre[1], 1.0)[1] / box.h
         by_depth = middle is not None
         return replace(sight, box=box, spot=Spot(*box.centre, depth), by_depth=by_depth)
 

@@ -15,7 +15,7 @@ from pydantic import Field
 from followerd.geometry import Array
 from followerd.messages import Box, Pixels
 from followerd.perception.cells import Buffers, CellHistograms
-from followerd.perception.colour_bins import COLOURS, colour_bins
+from followerd.perception.colour_bins import COLOURS, colour_bins, dithered
 from followerd.perception.depth_band import Band
 from followerd.perception.texture import FLAT, PATTERNS, patterns
 from followerd.settings import Settings
@@ -94,7 +94,7 @@ class Window:
             part = np.asarray(cv2.convertScaleAbs(part, alpha=gain), np.uint8)
         grey = part if part.ndim == 2 else np.asarray(cv2.cvtColor(part, cv2.COLOR_BGR2GRAY))
         self._histograms = CellHistograms(
-            (colour_bins(part), patterns(np.asarray(grey, np.uint8))),
+            (colour_bins(dithered(part)), patterns(np.asarray(grey, np.uint8))),
             (COLOURS, FLAT + 1),
             band.mask[tall, wide],
             cell,
@@ -138,9 +138,16 @@ class PatchModel:
     """The enrolled person's patches: as they were first, and as they look now."""
 
     def __init__(
-        self, view: View, settings: PatchSettings, paper: bool, kernel: bool = False
+        self,
+        view: View,
+        settings: PatchSettings,
+        paper: bool,
+        kernel: bool = False,
+        literal: bool = False,
     ) -> None:
+        """`literal` learns by eq. 11 alone: at the printed rate, and without the first look."""
         self.settings = settings
+        self._literal = literal or paper
         self._paper = paper
         self._kernel = _epanechnikov(settings.patches) if kernel else None
         self.first = self._look(view)
@@ -190,16 +197,16 @@ class PatchModel:
             usable,
         )
 
-    def learn(self, view: View, verdict: Verdict, box: int, dt: float, literal: bool) -> None:
+    def learn(self, view: View, verdict: Verdict, box: int, dt: float) -> None:
         """Move the model towards what box number `box` shows, some frames later (eq. 11).
 
-        `literal` learns at the rate that is printed: the similarity itself, at once.
+        As it is printed, the rate is the similarity itself, at once.
         """
         s = self.settings
         view = self._whole(View(*(part[box : box + 1] for part in view)))
         seen, rho = self._look(view), verdict.rho[:, box]
         usable = (view.cover[0] >= s.least_cover) & (view.hidden[0] < s.hidden)
-        if literal:
+        if self._literal:
             self._mix(seen, rho * usable)
             return
         rates = np.clip((rho - s.similar) / (1.0 - s.similar), 0.0, 1.0)
@@ -225,7 +232,7 @@ class PatchModel:
 
     def _arrange(self) -> None:
         side = self.settings.patches
-        first = self.now if self._paper else self.first
+        first = self.now if self._literal else self.first
         self._looks = [first, first.mirrored(side), self.now, self.now.mirrored(side)]
         if self._paper:  # knows no turned person
             self._looks = [first, first, self.now, self.now]

@@ -4,7 +4,7 @@ from followerd.messages import Box, Image
 from followerd.perception.depth_band import Depth, modes, torso_depth
 from followerd.perception.depth_people import outline
 from followerd.perception.region import region_of
-from followerd.perception.spot import row
+from followerd.perception.spot import row, scale
 
 TALL = 1.7  # m, of a person who is not seen from head to foot
 SEED = (0.3, 0.5)  # m, of the part of a person that is clicked at
@@ -30,7 +30,7 @@ def whole(
         box = outline(depth, box, middle, camera)  # legs alone may have been shown
         middle = torso_depth(depth, box, middle) or middle
     elif box.y > EDGE and box.y + box.h < image.pixels.shape[0] - EDGE:
-        middle = TALL * camera.fy / box.h
+        middle = TALL * scale(camera, box.centre[1], 1.0)[1] / box.h
     else:
         middle = USUAL_DEPTH
     return _completed(image, box, middle), middle
@@ -51,7 +51,7 @@ def _completed(image: Image, box: Box, middle: float) -> Box:
     """With what the image's border cuts off, of a usual height at least."""
     lowest = image.pixels.shape[0] - EDGE
     top, bottom = box.y, box.y + box.h
-    tall = max(box.h, TALL * image.camera.fy / middle)
+    tall = max(box.h, TALL * scale(image.camera, box.centre[1], middle)[1])
     if top > EDGE and bottom > lowest:
         bottom = top + tall
     elif top <= EDGE and bottom <= lowest:

@@ -44,7 +44,7 @@ class PatchesSettings(Settings):
     search_hidden_s: float = Field(1.5, ge=0, description="the same, while something hides them")
     start_m: float = Field(0.4, gt=0, description="of where they were seen last, just after that")
     pace_mps: float = Field(0.9, ge=0, description="by which that grows")
-    same_m: float = Field(0.3, gt=0, description="farthest that who is found is in the next image")
+    same_m: float = Field(0.2, gt=0, description="of who is found, to the next image; grows alike")
 
 
 class Patches:
@@ -67,7 +67,8 @@ class Patches:
         # where seen last (`base`), odom_from_base, stamp
         self._last: tuple[Array, Pose2 | None, float] = (np.zeros(3), None, 0.0)
         self._lost = False
-        self._maybe: Array | None = None  # (3,) m in `base`, who looked like the person
+        # (3,) m in `base`, who looked like the person, and when, s
+        self._maybe: tuple[Array, float] | None = None
 
     def enrol(
         self, seen: Image | Scan, region: Box | tuple[float, float], ego: Pose2 | None
@@ -161,12 +162,18 @@ class Patches:
         s = self.settings
         found = detector.find(image, near, s.start_m + s.pace_mps * unseen)
         before = self._maybe
-        self._maybe = None if found.spot is None else in_base(image.camera, found.spot)
-        if self._maybe is None or before is None:
+        if found.spot is None:
+            self._maybe = None
             return None
-        if float(np.hypot(*(self._maybe - before)[:2])) > s.same_m:
+        here = in_base(image.camera, found.spot)
+        self._maybe = here, image.stamp
+        if before is None:
             return None
-        self._start(image, ego, self._maybe)
+        there, then_seen = before
+        walked = s.pace_mps * (image.stamp - then_seen)
+        if float(np.hypot(*(here - there)[:2])) > s.same_m + walked:
+            return None
+        self._start(image, ego, here)
         return found
 
     def _phase(self, image: Image, sight: Sight) -> TrackPhase:
