@@ -5,7 +5,8 @@ from math import radians
 import pytest
 
 from followerd.control.freshness import Freshness
-from followerd.control.mode import Action, Modes, ModeSettings, Permission
+from followerd.control.mode import Modes, ModeSettings, Permission
+from followerd.control.transitions import Action
 from followerd.geometry import Pose2
 from followerd.messages import (
     BatteryLevel,
