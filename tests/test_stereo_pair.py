@@ -117,7 +117,7 @@ def test_a_robot_with_a_stereo_pair_follows_a_face_and_knows_where_it_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    figures = run(Job("office", "head/default", 0.25, 4, 15.0))
+    figures = run(Job("office", "head/default", 0.25, 4, 8.0))
     assert figures["lost_percent"] == 0.0
     assert figures["range_rms_m"] is not None
     assert figures["range_rms_m"] < 0.3
