@@ -46,7 +46,7 @@ opencv4: $(READY) ## the image code on the oldest OpenCV that is supported
 coverage: $(READY) ## every branch of the protocols and of the guard is tested
 	$(BIN)/pytest -q -m "not slow" --cov=followerd.hw --cov=followerd.control --cov-branch --cov-report= \
 	  $(addprefix tests/test_,p2os_protocol.py lms200_protocol.py vcc50i_protocol.py camera.py guard.py clearance.py mode.py pipeline.py)
-	$(BIN)/coverage report --include="followerd/hw/*/protocol.py,followerd/control/guard.py" --fail-under=100
+	$(BIN)/coverage report --include="followerd/hw/*/protocol.py,followerd/control/guard.py,followerd/control/mode.py,followerd/control/transitions.py" --fail-under=100
 
 mutation: $(READY) ## is every small change of the guard and of the modes noticed; some ten minutes
 	$(BIN)/python -m tests.mutation

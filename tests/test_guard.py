@@ -861,3 +861,24 @@ def is_absurd(what: str, s: Situation, wish: Wish, b: Bench) -> bool:
             return not all(NOW - 1.0 < stamp < NOW + 0.1 for stamp in b.freshness.newest.values())
         case _:
             return False
+
+
+@pytest.mark.parametrize(
+    "place", [Pose2(nan, 0.0, 0.0), Pose2(0.0, 1e7, 0.0), Pose2(0.0, 0.0, inf)]
+)
+def test_a_place_that_cannot_be_stops(place: Pose2) -> None:
+    b = bench()
+    assert b.situation.view is not None
+    nowhere = replace(b.situation.view, base=place)
+    for situation in (replace(b.situation, base=place), replace(b.situation, view=nowhere)):
+        b.situation = situation
+        assert kinds(b.check(Twist(0.4, 0.0))) == {StopReason.ABSURD_DATA}
+
+
+def test_a_sonar_reading_that_is_no_number_tells_nothing() -> None:
+    b = bench()
+    odd = (replace(REAR[0], range=nan), replace(REAR[1], pose=Pose2(nan, 0.0, 0.0)))
+    b.guard.sense(Odometry(NOW - 0.1, NOW - 0.1, Pose2(), Twist(), sonar=(*odd, *REAR[2:5])))
+    assert kinds(b.check(Twist(-0.1, 0.0))) == {StopReason.REAR_UNSEEN}
+    b.guard.sense(Odometry(NOW - 0.1, NOW - 0.1, Pose2(nan), Twist(), sonar=REAR))
+    assert kinds(b.check(Twist(-0.1, 0.0))) == {StopReason.REAR_UNSEEN}

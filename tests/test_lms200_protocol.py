@@ -630,3 +630,10 @@ def test_the_middle_value_looks_ahead() -> None:
     for variant in VARIANTS:
         assert variant.bearings[variant.count // 2] == pytest.approx(0)
         assert np.degrees(variant.bearings[-1]) == pytest.approx(variant.field / 2)
+
+
+def test_a_telegram_is_known_by_its_first_bytes() -> None:
+    decoder = TelegramDecoder()
+    decoder.feed(bytes.fromhex("00 02 80 6E 01 B0 B5 40 E8"))
+    assert decoder.begun == bytes.fromhex("02 80 6E 01 B0 B5 40 E8")
+    assert decoder.begun_at == 1

@@ -601,3 +601,37 @@ def test_what_the_operator_holds_waits_for_ever() -> None:
     story.do(Action.HOLD)
     story.run(70.0)
     assert story.mode() is Mode.HOLDING
+
+
+@pytest.mark.parametrize(
+    ("seconds", "mode"), [(0.3, Mode.HOLDING), (1.0, Mode.HOLDING), (1.1, Mode.DISARMED)]
+)
+def test_a_held_up_loop_holds_and_a_suspend_disarms(seconds: float, mode: Mode) -> None:
+    story = following()
+    story.modes.late(seconds, story.now)
+    assert story.mode() is mode
+    assert story.run(0.2).max_speed == 0.0
+    story.run(0.2)
+    assert (story.mode() is Mode.FOLLOWING) is (mode is Mode.HOLDING)
+
+
+def test_a_place_on_the_map_that_jumped_holds_until_five_good_frames() -> None:
+    story = following()
+    story.modes.jumped(0.8, story.now)
+    assert story.mode() is Mode.HOLDING
+    assert story.run(0.2).max_speed == 0.0
+    story.run(0.1)
+    assert story.mode() is Mode.FOLLOWING
+
+
+def test_what_is_seen_to_come_is_waited_for_and_no_longer_than_that() -> None:
+    freshness = Freshness({"scan": 0.26}, under_way={"scan": 0.09})
+    for name in STREAMS:
+        freshness.saw(name, 1.0, 1.0)
+    assert [reason.device for reason in freshness.stale(1.27)] == ["scan"]
+    freshness.coming("scan")
+    assert freshness.stale(1.27) == ()
+    assert [reason.device for reason in freshness.stale(1.36)][:1] == ["scan"]
+    freshness.saw("scan", 1.2, 1.3)
+    assert [reason.device for reason in freshness.stale(1.47)][:1] == ["scan"]
+    freshness.coming("nothing that is watched")

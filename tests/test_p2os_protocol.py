@@ -518,3 +518,15 @@ def test_sonar_discs_look_outwards() -> None:
             assert -model.rear - over <= x <= model.front + over
             assert abs(y) <= model.width / 2 + over
             assert x * cos(radians(angle)) + y * sin(radians(angle)) > 0
+
+
+def test_a_packet_is_known_by_its_first_bytes() -> None:
+    decoder, packet = PacketDecoder(), frame(b"\x32abcdef")
+    decoder.feed(b"\x00\x01" + packet[:3])
+    assert decoder.begun is None
+    decoder.feed(packet[3:5])
+    assert decoder.begun == (0x32, 2)
+    decoder.settle()  # after a pause it may be a torso
+    assert decoder.begun is None
+    decoder.feed(packet[5:])
+    assert decoder.begun is None
