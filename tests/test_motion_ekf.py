@@ -158,6 +158,22 @@ def test_somebody_else_is_outside_the_gate() -> None:
     assert motion.seen < 4.0
 
 
+def test_who_turns_on_their_heel_is_not_left_behind() -> None:
+    rng = np.random.default_rng(0)
+    places = [np.array([2.2, abs(0.8 * (k / 15 - 3.0)), 0.9]) for k in range(75)]
+    found = [
+        Look(k / 15, Pose2(), place + 0.01 * rng.standard_normal(3))
+        for k, place in enumerate(places)
+    ]
+    motion = MotionEkf(found[0])
+    off = []
+    for look, place in zip(found[1:], places[1:], strict=True):
+        motion.step(look)
+        off.append(float(np.hypot(*(motion.estimate.x - [*place, 0, 0, 0, 0])[:2])))
+    assert max(off) < 0.3
+    assert off[-1] < 0.05
+
+
 def test_unseen_people_become_unsure_and_more_so_after_a_while() -> None:
     motion = filtered(looks())
     ego = motion.look.ego

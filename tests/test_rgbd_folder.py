@@ -67,16 +67,26 @@ def test_a_damaged_recording_is_named(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.skipif(not RECORDING.is_dir(), reason="../shared/data/rgbd is not there")
-def test_a_real_person_is_followed_from_image_to_image(tmp_path: Path) -> None:
-    """Snapshots of an unknown rate: it is followed for as long as they keep their pace."""
+def test_a_real_person_is_followed_until_they_leave_the_view(tmp_path: Path) -> None:
+    """Two snapshots a second from a camera that looks down; they turn round and are hidden."""
     for name in ("rgb", "depth"):
         (tmp_path / name).mkdir()
-        for path in sorted((RECORDING / name).iterdir())[:34]:
+        for path in sorted((RECORDING / name).iterdir())[:51]:
             (tmp_path / name / path.name).symlink_to(path)
     (tmp_path / "calib.json").symlink_to(RECORDING / "calib.json")
+    config = tmp_path / "down.yaml"
+    config.write_text(
+        "base: {kind: p2os, link: sim}\nlaser: {kind: lms200, link: sim}\n"
+        "camera: {kind: kinect, link: sim, mount: {z_m: 2.33, elevation_deg: -26.7}}\n"
+        "tracker: {kind: patches}\ncontroller: {kind: fuzzy_gears}\nsim: {scenario: jia-paths}\n"
+    )
     out = tmp_path / "rows.csv"
-    track(tmp_path, tracker="patches", init="190,120,130,330", start=30, out=out)
+    init = "190,120,130,330"
+    track(tmp_path, tracker="patches", init=init, start=30, config=str(config), out=out)
     rows = [line.split(",") for line in out.read_text().splitlines()[1:]]
-    assert len(rows) == 4
-    assert [row[6] for row in rows[:3]] == ["tracked"] * 3
-    assert 190 < float(rows[2][2]) + 0.5 * float(rows[2][4]) < 300
+    assert len(rows) == 21
+    assert sum(row[6] == "tracked" for row in rows) >= 15
+    assert "lost" not in [row[6] for row in rows]
+    last = rows[-1]
+    assert 0 < float(last[2]) < 60
+    assert 100 < float(last[3]) < 160

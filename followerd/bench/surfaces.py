@@ -23,8 +23,10 @@ def draw(figure: FigureBase, settings: FuzzyGearsSettings) -> None:
     half = np.linspace(-1.0, 1.0, FINE)
     for name, grades in zip(SETS, memberships(half, rules.sigma), strict=True):
         sets.plot(half, grades, label=name)
-    sets.set(xlabel="input, half domains", ylabel="membership", title=rules.inference)
-    sets.legend()
+    sets.set(
+        xlabel="input, half domains", ylabel="membership", title=rules.inference, ylim=(0.0, 1.25)
+    )
+    sets.legend(loc="upper center", ncols=5, fontsize="small", handlelength=1.0)
     fastest = settings.top_speed
     for ax, surface, scale, title in (
         (speed, rules.speed(), fastest, "speed, m/s"),

@@ -36,6 +36,7 @@ class MotionEkfSettings(Settings):
     depth_sigma_m: float = Field(0.02, gt=0, description="along the line of sight")
     depth_sigma_per_m: float = Field(0.003, ge=0, description="and per square metre of range")
     aside_sigma_m: float = Field(0.03, gt=0, description="across the line of sight")
+    doubt_mps: float = Field(1.0, ge=0, description="of the speed, after a look not believed")
     unsure_after_s: float = Field(0.5, gt=0, description="unseen that long, people turn off")
     unsure_factor: float = Field(2.0, ge=1, description="by which their acceleration then grows")
 
@@ -111,6 +112,9 @@ class MotionEkf:
             return False
         R = self.noise(look.z) if look.R is None else look.R
         if nis(self.estimate, look.z, R) > CHI_SQUARE_99:
+            # it is somebody else, or they have turned on their heel: the next looks will tell
+            doubt = np.diag([0.0, 0.0, 0.0, *[self.settings.doubt_mps**2] * 2, 0.0, 0.0])
+            self.estimate = Estimate(self.estimate.x, self.estimate.P + doubt)
             return False
         self.estimate = updated(self.estimate, look.z, R)
         self.seen = look.stamp

@@ -23,6 +23,7 @@ BEFORE = 0.30  # m, what is that much nearer hides them
 LEAST_MASS = 0.15  # share of the box that makes a mode
 TORSO = (0.2, 0.5)  # rows of a person's box, shares of its height
 LEAST_TORSO = 0.25  # share of it that tells its depth
+LEAST_PIXELS = 10  # of those, in a patch, that tell how bright it is
 STRIDE = 3  # px, every so many are looked at for the modes
 
 
@@ -143,14 +144,20 @@ class Band:
         first = int(shows.argmax()) if shows.size else 0
         return float(self.top + rows.start + first) if first else None
 
-    def pixels(self, image: Pixels, box: Box) -> Pixels:
-        """Those (N,) or (N, 3) of the person inside a box, thinned out."""
-        height, width = self.mask.shape
-        inside = Box(box.x - self.left, box.y - self.top, box.w, box.h)
-        rows, columns = crop(inside, width, height)
-        mask = self.mask[rows, columns][::STRIDE, ::STRIDE]
-        part = image[self.top : self.top + height, self.left : self.left + width]
-        return part[rows, columns][::STRIDE, ::STRIDE][mask]
+    def brightness(self, image: Pixels, box: Box, side: int) -> Array:
+        """Mean grey level (side * side,) of the person in each patch of a box; nan = too little."""
+        x, y, w, h = box.x - self.left, box.y - self.top, box.w, box.h
+        rows, columns = crop(Box(x, y, w, h), self.mask.shape[1], self.mask.shape[0])
+        part = image[self.top :, self.left :][rows, columns][::STRIDE, ::STRIDE]
+        down, across = np.nonzero(self.mask[rows, columns][::STRIDE, ::STRIDE])
+        level = part[down, across]
+        level = level if level.ndim == 1 else level.max(axis=1)
+        patch = np.minimum((rows.start + STRIDE * down - y) / h * side, side - 1).astype(np.intp)
+        patch *= side
+        patch += np.minimum((columns.start + STRIDE * across - x) / w * side, side - 1).astype(int)
+        count = np.bincount(patch, minlength=side * side)
+        total = np.bincount(patch, weights=level, minlength=side * side)
+        return np.where(count >= LEAST_PIXELS, total / np.maximum(count, 1), np.nan)
 
     def counts(self, columns: Array, rows: Array) -> Array:
         """(M, J * I, 4): pixels of the person, before them, of unknown depth, and in the image,

@@ -39,7 +39,7 @@ THIN = 0.1  # of the box's width: a row that shows more of the person is theirs
 HIGHEST = 0.05  # of the box's height, that depth may miss of the head
 CELLS = 24  # across a box, about
 SUDDEN = 1.5  # times brighter or darker than last, light is made up for
-LEAST_PIXELS = 50  # that tell how bright the person is
+LEAST_LIT = 4  # patches that tell how bright the person is
 WIDEST = 2.5  # times the usual search, for who was not seen for a while
 UNKNOWN = 0.7  # share of a box without depth: sunlight
 BODIES = 3  # that are looked at in one image
@@ -104,9 +104,7 @@ class PatchDetector:
         self.settings = settings
         self._paper = paper
         self._buffers = Buffers()
-        self._bright: float | None = (
-            None  # grey levels of the person in the light of the first look
-        )
+        self._bright: Array | None = None  # grey level of each patch in the light of the first look
         self._gain = 1.0  # that gives the person those again
         depth = self._depth(image)
         box, middle = whole(image, depth, region)
@@ -275,13 +273,14 @@ class PatchDetector:
 
     def _light(self, image: Image, band: Band, box: Box) -> float:
         """The gain that makes the person in a box as bright as they were first."""
-        seen = band.pixels(image.pixels, box)
-        if seen.size < LEAST_PIXELS:
-            return self._gain
-        bright = float(np.median(seen if seen.ndim == 1 else seen.max(axis=1)))
+        seen = band.brightness(image.pixels, box, self.settings.patch.measured)
         if self._bright is None:
-            self._bright = bright
-        gain = self._bright / max(bright, 1.0)
+            self._bright = seen
+        gains = self._bright / np.maximum(seen, 1.0)
+        gains = gains[np.isfinite(gains)]
+        if gains.size < LEAST_LIT:
+            return self._gain
+        gain = float(np.median(gains))  # patch by patch: more of the trousers is no more light
         return min(max(gain, self._gain / SUDDEN), self._gain * SUDDEN)
 
     def _placed(
