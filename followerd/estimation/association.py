@@ -171,8 +171,6 @@ class Association:
             return track
         if not self.trust.given or self._looks_past(track):
             track = replace(track, phase=TrackPhase.TENTATIVE)
-        elif track.phase is TrackPhase.CONFIRMED and self._legs.is_hidden(stamp):
-            track = replace(track, phase=TrackPhase.OCCLUDED)  # it is as likely on who hides them
         person = self.person(stamp)
         if person is None:
             bearing = None if track.bearing is None else wrap_angle(self._sight - base.theta)
