@@ -113,6 +113,12 @@ def test_whoever_already_stood_there_is_not_the_person() -> None:
     assert not place.seen
 
 
+def test_a_track_that_goes_over_to_somebody_who_stood_there_is_doubted_at_once() -> None:
+    run = Run()
+    run.go(1.0, (2.0, 0.6), *person(2.0, 0.6), *person(2.0, -0.4))
+    assert run.go(0.5, (2.0, -0.4), *person(2.0, -0.4)) is TrackPhase.TENTATIVE
+
+
 def test_a_person_lost_and_found_is_believed_again_with_their_legs() -> None:
     run = followed()
     assert run.go(1.0, (2.0, 0.0), phase=TrackPhase.LOST) is TrackPhase.LOST

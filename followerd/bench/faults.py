@@ -19,7 +19,6 @@ from followerd.bench.fault_runs import (
     HEAD,
     HUNG,
     MOMENTS,
-    SILENT,
     Job,
     Outcome,
     run,
@@ -49,6 +48,7 @@ NONE = 120.0  # s, of each run without faults
 QUICK_KINDS = (FaultKind.OFF, FaultKind.STUCK, FaultKind.WRONG, FaultKind.DISCONNECT)
 BYTES = (FaultKind.GARBAGE, FaultKind.WRONG, FaultKind.DROP, FaultKind.FLIP,
          FaultKind.DUPLICATE, FaultKind.SPLIT)  # fmt: skip
+EARLY = (FaultKind.OFF, FaultKind.REBOOT)  # a port that is not there ends the start
 NUMBERS = {HUNG: "F1", "laser": "F2", "camera": "F3", "robot": "F4", GONE: "F14"}
 PERCENTILES: dict[str, Callable[[np.ndarray], float]] = {
     "p50": lambda times: float(np.percentile(times, 50)),
@@ -78,7 +78,7 @@ def plan(seeds: int, *, quick: bool) -> list[Job]:
         is_head = name.startswith("ptz:")
         place = (HEAD_SCENARIO, HEAD) if is_head else (SCENARIOS[k % 3], FOLLOWING)
         jobs.append(Job(name, place[0], seed, None, moment, place[1]))
-    early = [kind.value for kind in kinds if kind in SILENT]
+    early = [kind.value for kind in EARLY]
     names = [f"{device}:{kind}" for device, kind in product(DEVICES[:3], early)]
     starts = enumerate(product(numbers, names))
     return jobs + [Job(n, SCENARIOS[k % 3], seed, 12.0, "start-up") for k, (seed, n) in starts]

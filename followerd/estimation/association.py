@@ -171,10 +171,8 @@ class Association:
         """
         if track.phase is TrackPhase.LOST or _is_of_scans(track):
             return track
-        if not self.trust.given:
+        if not self.trust.given or self._looks_past(track):
             track = replace(track, phase=TrackPhase.TENTATIVE)
-        elif track.phase is TrackPhase.CONFIRMED and self._legs.is_hidden(stamp):
-            track = replace(track, phase=TrackPhase.OCCLUDED)  # it is as likely on who hides them
         person = self.person(stamp)
         if person is None:
             bearing = None if track.bearing is None else wrap_angle(self._sight - base.theta)
@@ -230,13 +228,20 @@ class Association:
         self.trust.scan(clusters, points, base, claim, legs)
 
     def _compare(self, base: Pose2, stamp: float, *, has_legs: bool) -> None:
-        """A camera that goes on looking past the legs follows somebody else."""
-        x, y = self._legs.middle
-        past = hypot(x - base.x, y - base.y) * sin(self._sight - atan2(y - base.y, x - base.x))
-        is_past = has_legs and abs(past) > self.settings.trust.others_m
+        """A camera that looks past the person's place sees somebody else."""
+        person = self.person(stamp)
+        place = self._legs.middle if has_legs else None if person is None else person.position
+        aside = 0.0
+        if place is not None:
+            x, y = place[0] - base.x, place[1] - base.y
+            aside = abs(hypot(x, y) * sin(self._sight - atan2(y, x)))
+        is_past = aside > self.settings.trust.others_m
         self._looked_past_at = min(self._looked_past_at, stamp) if is_past else inf
         if stamp - self._looked_past_at > self.settings.trust.past_s:
-            self.trust.doubt("the camera looks past the legs", stamp)
+            self.trust.doubt("the camera looks past the person", stamp)
+
+    def _looks_past(self, track: TrackState) -> bool:
+        return track.phase is TrackPhase.CONFIRMED and self._looked_past_at < inf
 
     def _not_there(self, base: Pose2, stamp: float) -> Place | None:
         """For a tracker that is not believed: where the person was when it last was."""

@@ -68,11 +68,12 @@ class Trust:
         s = self.settings
         if stamp - self._legs_at > s.gap_s:
             return
+        if self.place is not None and not self._can_be(place, stamp):
+            self.doubt("the camera has somebody who cannot be the person", stamp)
+            self._refute(stamp)
+            return
         if self.given:
             self.place, self._sure_at = place, stamp
-            return
-        if not self._can_be(place, stamp):
-            self._refute(stamp)
             return
         if stamp - self._agreed_at > s.gap_s:
             self._agreed_since = stamp
@@ -106,6 +107,10 @@ class Trust:
             self._legs_at = stamp
         if self.given and own:
             middle = base.apply(clusters.centre[own]).mean(axis=0)
+            if self._is_anothers(middle):
+                self.doubt("the camera has somebody who was another before", stamp)
+                self._refute(stamp)
+        if self.given and own:
             self._others = legs[np.hypot(*(legs - middle).T) > s.others_m]
         elif len(self._others) and len(legs):
             self._follow_others(legs)
@@ -126,8 +131,12 @@ class Trust:
         """Whether the person can have come to `place`, and nobody else was there before."""
         if self.place is None or dist(place, self.place) > self.reach(stamp):
             return False
+        return not self._is_anothers(place)
+
+    def _is_anothers(self, place: tuple[float, float] | Array) -> bool:
+        """Whether somebody else is known to stand at `place`."""
         apart = np.hypot(*(self._others - place).T)
-        return not bool((apart < self.settings.same_m).any())
+        return bool((apart < self.settings.same_m).any())
 
     def _follow_others(self, legs: Array) -> None:
         """Whoever is not the person stays that while walking from scan to scan."""
