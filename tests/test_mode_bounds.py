@@ -89,7 +89,9 @@ def test_coasting_slows_down_evenly_and_straight_ahead() -> None:
     for frames in range(1, 9):
         permission = story.run(FRAME)
         assert softly(permission)
-        assert permission.max_speed == pytest.approx(0.4 * (1.0 - frames * FRAME / 0.5))
+        assert permission.max_speed == pytest.approx(
+            0.4 * (1.0 - frames * FRAME / ModeSettings().coast_s)
+        )
 
 
 @pytest.mark.parametrize(("by_legs", "speed"), [(True, 0.3), (False, 0.4)])
