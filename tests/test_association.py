@@ -1,7 +1,7 @@
 """Where the person is, from feet, legs, or nothing; which sensor carries the track."""
 
 from dataclasses import replace
-from math import atan2, hypot, inf, radians
+from math import atan2, hypot, inf, pi, radians, sin
 
 import numpy as np
 import pytest
@@ -167,9 +167,9 @@ def test_an_image_that_took_longer_than_the_scan_after_it_still_counts() -> None
     association = Association()
     association.see(track(1.0, 2.0, 0.0), HERE)
     association.scan(clusters(1.06, (1.95, 0.1), (1.95, -0.1)), HERE)
-    before = known(association, 1.06).sigma
+    before = known(association, 1.06).covariance[1, 1]
     association.see(track(1.05, 2.0, 0.0, 0.05), HERE)
-    assert known(association, 1.06).sigma < before
+    assert known(association, 1.06).covariance[1, 1] < before
 
 
 def test_one_wild_range_is_refused_and_many_are_a_new_place() -> None:
@@ -190,6 +190,21 @@ def test_a_track_too_sure_of_its_range_does_not_outweigh_the_legs() -> None:
         association.see(track(stamp, 2.0 - 0.01 * k, 0.0, 0.01), HERE)
         association.scan(clusters(stamp + 0.01, (1.95, 0.1), (1.95, -0.1)), HERE)
     assert known(association, 2.0).position[0] == pytest.approx(2.0, abs=0.12)
+
+
+@pytest.mark.parametrize("rate", [37.5, 9.4])
+def test_a_box_that_creeps_away_does_not_take_the_person_from_their_legs(rate: float) -> None:
+    association, stride = Association(), 0.25
+    association.see(track(0.0, 1.7, 0.0, 0.1), HERE)
+    scans = [(k / rate, False) for k in range(int(4 * rate))]
+    for stamp, is_image in sorted([*scans, *((0.01 + k / 15, True) for k in range(60))]):
+        if is_image:
+            association.see(track(stamp, 1.7 + 1.1 * stamp, 0.0, 0.15), HERE)
+        else:
+            swing = stride * sin(2.0 * pi * stamp)
+            association.scan(clusters(stamp, (1.7 + swing, 0.1), (1.7 - swing, -0.1)), HERE)
+    assert known(association, 4.0).position[0] == pytest.approx(1.75, abs=0.15)
+    assert association.claimed
 
 
 def test_forgetting_leaves_nothing() -> None:

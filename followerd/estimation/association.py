@@ -34,7 +34,8 @@ class AssociationSettings(Settings):
     legs: OwnLegsSettings = OwnLegsSettings()
     trust: TrustSettings = TrustSettings()
     bearing_sigma_deg: float = Field(1.5, gt=0, description="of the tracker's bearing")
-    beside_legs: float = Field(3.0, ge=1, description="times that, while the laser sees the legs")
+    beside_legs: float = Field(6.0, ge=1, description="times that, while the laser sees the legs")
+    beside_gate: float = Field(0.5, gt=0, le=1, description="share of the gate then")
     range_sigma_m: float = Field(0.3, gt=0, description="of a track's range that names none")
     range_share: float = Field(0.1, ge=0, description="share of its range a track errs at least")
     legs_sigma_m: float = Field(0.08, gt=0, description="of the middle between the legs")
@@ -96,8 +97,11 @@ class Association:
             return  # the box is as likely on whoever stands before the person
         has_legs = stamp - self._legs.seen_at < s.max_track_age_s
         self._compare(base, stamp, has_legs=has_legs)
-        doubt = s.beside_legs if has_legs else 1.0
-        fits = self._filter.measure(self._seen(base, stamp, track.range, sigma, doubt))
+        seen = self._seen(base, stamp, track.range, sigma)
+        if has_legs:  # a box's place errs for seconds on end, a leap still tells
+            doubtful, gate = s.beside_legs * seen.bearing_sigma, s.beside_gate
+            seen = replace(seen, bearing_sigma=doubtful, distance=None, gate=gate)
+        fits = self._filter.measure(seen)
         if fits and has_legs and track.phase is TrackPhase.CONFIRMED:
             self._tied_at, self._confidence = stamp, track.confidence
             self.trust.agree(self._legs.middle, stamp)
@@ -289,11 +293,9 @@ class Association:
     def _claim(self, clusters: Clusters, legs: np.ndarray) -> None:
         self.claimed = tuple(slice(int(clusters.first[k]), int(clusters.last[k]) + 1) for k in legs)
 
-    def _seen(
-        self, base: Pose2, stamp: float, distance: float | None, sigma: float, doubt: float = 1.0
-    ) -> Sighting:
+    def _seen(self, base: Pose2, stamp: float, distance: float | None, sigma: float) -> Sighting:
         """Along the track's line of sight."""
-        bearing_sigma = doubt * radians(self.settings.bearing_sigma_deg)
+        bearing_sigma = radians(self.settings.bearing_sigma_deg)
         return Sighting(stamp, base, self._sight, bearing_sigma, distance, sigma)
 
     def _start(self, seen: Sighting) -> None:

@@ -15,6 +15,7 @@ from followerd.messages import Clusters
 from followerd.settings import Settings
 
 LONGEST_STEP = 0.12  # s, over which a leg is known again by its place alone
+LONGEST_SWING = 0.2  # s
 
 
 class OwnLegsSettings(Settings):
@@ -103,7 +104,7 @@ class OwnLegs:
             elif in_cone:
                 fits.append((off, k))
             if known is not None and known - distance > s.before_m and aside < s.hides_m:
-                self.hidden = True
+                self.hidden |= not self._are_own(point, clusters.stamp)
         self._others = others
         if self.hidden:
             self.alone = False
@@ -120,6 +121,14 @@ class OwnLegs:
     def is_hidden(self, stamp: float) -> bool:
         """Whether the person has just gone behind somebody else's legs."""
         return self.hidden and stamp - self.seen_at <= self.settings.max_hidden_s
+
+    def _are_own(self, point: tuple[float, float], stamp: float) -> bool:
+        """Whether the person's leg can have swung to `point`, and nobody else's can."""
+        s, since = self.settings, stamp - self.seen_at
+        leap = max(s.leap_m, s.swing_mps * min(since, LONGEST_SWING))
+        own = min((dist(point, leg) for leg in self._own), default=inf)
+        theirs = min((dist(point, other) for other in self._others), default=inf)
+        return own < min(leap, theirs)
 
     def _was_anothers(self, point: tuple[float, float], width: float) -> bool:
         """Whether a leg at `point` in odom was somebody else's in the last scan, or touches one."""

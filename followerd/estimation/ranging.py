@@ -36,6 +36,7 @@ class Sighting:
     bearing_sigma: float  # rad
     distance: float | None = None  # m
     sigma: float = inf  # m, of the distance
+    gate: float = 1.0  # share of the filter's gate within which it fits
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,24 +139,24 @@ class Ranging:
             density = self.settings.accel_density
             self._state = self._state.after(seen.stamp - self._stamp, density)
             self._stamp = seen.stamp
-        u = (cos(seen.sight), sin(seen.sight))
+        u, gate = (cos(seen.sight), sin(seen.sight)), seen.gate * self.settings.gate
         t = (-u[1], u[0])
         then = self._state
         dt = seen.stamp - self._stamp  # negative: an image that took longer than the scan after it
         x, y = then.x + dt * then.u - seen.base.x, then.y + dt * then.v - seen.base.y
         reach = max(0.3, x * u[0] + y * u[1])
-        fits = self._update(t, -(x * t[0] + y * t[1]), (reach * seen.bearing_sigma) ** 2, dt)
+        fits = self._update(t, -(x * t[0] + y * t[1]), (reach * seen.bearing_sigma) ** 2, dt, gate)
         if seen.distance is not None:
             off = seen.distance - (x * u[0] + y * u[1])
-            fits &= self._update(u, off, seen.sigma**2, dt)
+            fits &= self._update(u, off, seen.sigma**2, dt, gate)
         self._rejected = 0 if fits else self._rejected + 1
         return fits
 
     def _update(
-        self, direction: tuple[float, float], off: float, variance: float, dt: float
+        self, direction: tuple[float, float], off: float, variance: float, dt: float, gate: float
     ) -> bool:
         """One scalar along `direction`, `dt` from the state's time; False when it is gated out."""
         assert self._state is not None
-        corrected = self._state.corrected(direction, off, variance, dt, self.settings.gate)
+        corrected = self._state.corrected(direction, off, variance, dt, gate)
         self._state = corrected or self._state
         return corrected is not None
