@@ -262,6 +262,16 @@ def test_a_click_anywhere_on_a_person_enrols_their_outline() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seed", [6100, 6103])  # once followed 24 and 32 % of the time
+def test_a_laser_on_a_slow_line_does_as_well(seed: int) -> None:
+    slow = {"laser.baud": 38400, "laser.resolution_deg": 1}
+    config = staged(load("hpf-sim", {"sim.scenario": "corridor", "seed": seed, **slow}))
+    figures = simulate(config, 40.0)
+    assert figures["follow"]["tracking_rate"] >= 0.97
+    assert not figures["stops"]
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenario", "tracking"),
     [("laboratory-fixate", 0.97), ("office", 0.9), ("turns", 0.97), ("static-ball", 0.97)],
