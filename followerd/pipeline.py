@@ -1,7 +1,6 @@
 """One event in, one decision out: pure, so robot, simulation and replay run the same."""
 
 from collections.abc import Collection
-from dataclasses import dataclass
 from math import hypot, inf
 
 import numpy as np
@@ -19,6 +18,7 @@ from followerd.estimation.ego_motion import EgoMotion, EgoMotionSettings
 from followerd.estimation.foresight import Foresight, ForesightSettings
 from followerd.estimation.localizer import Localizer
 from followerd.estimation.ranging import Person
+from followerd.events import Coming, Event, Hand, Late, Operator, Presence, Tracked
 from followerd.geometry import Array, Pose2
 from followerd.messages import (
     Chassis,
@@ -40,63 +40,6 @@ from followerd.perception.clusters import ClusterSettings, find_clusters
 from followerd.perception.foreground import on_walls
 from followerd.settings import Settings
 
-
-@dataclass(frozen=True, slots=True)
-class Tracked:
-    """The tracker has finished an image or a scan."""
-
-    stamp: float  # s, of the image or scan
-    received: float  # s, of the image or scan
-    frame_id: int | None  # None: it was a scan
-    track: TrackState | None  # None: nobody is enrolled
-
-
-@dataclass(frozen=True, slots=True)
-class Operator:
-    """Somebody asks for something; the first track after ENROL is the new person's."""
-
-    action: Action
-    session: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Presence:
-    """A sign that an operator's session is there, or (not `here`) that it is over."""
-
-    session: str
-    here: bool = True
-
-
-@dataclass(frozen=True, slots=True)
-class Hand:
-    """What the hand of an operator who drives asks for; must be said again and again."""
-
-    session: str
-    wanted: Twist
-
-
-@dataclass(frozen=True, slots=True)
-class Late:
-    """The loop was held up: nothing was heard or decided meanwhile."""
-
-    seconds: float
-
-
-@dataclass(frozen=True, slots=True)
-class Coming:
-    """The first bytes of a stream's next measurement are here."""
-
-    stream: str
-
-
-@dataclass(frozen=True, slots=True)
-class Tick:
-    """Time has passed."""
-
-
-Event = (
-    Scan | Odometry | Tracked | Operator | Presence | Hand | Late | Fault | Coming | Chassis | Tick
-)
 SEEN = (TrackPhase.TENTATIVE, TrackPhase.CONFIRMED)
 CAMERA = "camera"  # a device that only shows, where the tracker needs no images
 JUMP = 0.5  # m, between two scans: who thinks on the map stops

@@ -12,6 +12,7 @@ import numpy as np
 
 from followerd.control.image_centering import ImageCentering, ImageCenteringSettings
 from followerd.control.transitions import Action
+from followerd.events import Event, Operator, Tick, Tracked
 from followerd.geometry import Array, Pose2
 from followerd.messages import (
     Command,
@@ -23,7 +24,7 @@ from followerd.messages import (
     TrackState,
     Twist,
 )
-from followerd.pipeline import Event, Operator, Pipeline, PipelineSettings, Tick, Tracked
+from followerd.pipeline import Pipeline, PipelineSettings
 
 BASE_FROM_LASER = Pose2(0.17, 0.0, 0.0)
 BEARINGS = np.radians(np.arange(-90.0, 90.5, 1.0))

@@ -17,6 +17,7 @@ from followerd.control.limits import GuardSettings
 from followerd.control.novelty import Novelty
 from followerd.control.transitions import Action
 from followerd.errors import ConfigError
+from followerd.events import Hand, Late, Operator, Presence
 from followerd.geometry import Camera, Pose2
 from followerd.hw.p2os.commands import Cmd, command
 from followerd.hw.p2os.protocol import PacketDecoder
@@ -34,7 +35,7 @@ from followerd.messages import (
     TrackPhase,
     Twist,
 )
-from followerd.pipeline import Hand, Late, Operator, PipelineSettings, Presence
+from followerd.pipeline import PipelineSettings
 from followerd.runtime.auto_operator import AutoOperator
 from followerd.runtime.daemon import Daemon
 from followerd.runtime.pressure import Pressure

@@ -13,10 +13,10 @@ from followerd.config import load
 from followerd.control.heading_overwrite import HeadingOverwrite, HeadingOverwriteSettings
 from followerd.control.interfaces import HeadController, Scene, Target
 from followerd.errors import ConfigError
+from followerd.events import Tick
 from followerd.geometry import Pose2, wrap_angle
 from followerd.hw.p2os.commands import Cmd
 from followerd.messages import LookAt, Odometry, Sight, TurnBy, Twist
-from followerd.pipeline import Tick
 from tests.p2os_bench import Bench, bench, story
 
 AHEAD = Target(0.0, range=3.0)

@@ -10,6 +10,7 @@ from followerd.control.freshness import Freshness
 from followerd.control.image_centering import ImageCentering, ImageCenteringSettings
 from followerd.control.limits import GuardSettings
 from followerd.control.transitions import Action
+from followerd.events import Tick
 from followerd.geometry import Pose2
 from followerd.messages import (
     Decision,
@@ -21,7 +22,7 @@ from followerd.messages import (
     TrackPhase,
     Twist,
 )
-from followerd.pipeline import Pipeline, PipelineSettings, Tick
+from followerd.pipeline import Pipeline, PipelineSettings
 from followerd.streams import STREAMS
 from tests.follow_rig import Rig, standing, walking, wall
 

@@ -23,6 +23,7 @@ from followerd.cli.recording import recorded
 from followerd.config import Config
 from followerd.control.transitions import Action
 from followerd.errors import UsageError
+from followerd.events import Event, Operator, Tick, Tracked
 from followerd.geometry import Camera, Pose2
 from followerd.hw.camera.calibration import Calibration, Lens
 from followerd.messages import (
@@ -37,7 +38,6 @@ from followerd.messages import (
     TrackState,
     Twist,
 )
-from followerd.pipeline import Event, Operator, Tick, Tracked
 from followerd.record.codec import plain, restored
 from followerd.record.journal import Dropped, Enrolled, Entry, Looked, Taken
 from followerd.record.reading import LENS, Decided, Heard, Numbered, Recording

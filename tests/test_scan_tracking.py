@@ -13,10 +13,10 @@ from followerd import app, clock
 from followerd.bench.closed_loop import simulate
 from followerd.config import load
 from followerd.errors import UsageError
+from followerd.events import Tracked
 from followerd.geometry import Camera, Pose2
 from followerd.messages import Box, Image, Mode, Odometry, Place, Scan, TrackPhase, TrackState
 from followerd.perception.body_outline import body_box
-from followerd.pipeline import Tracked
 from followerd.runtime.control_socket import answer
 from followerd.runtime.daemon import Daemon
 from followerd.runtime.scanning import Scanning

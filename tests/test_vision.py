@@ -9,9 +9,9 @@ import pytest
 
 from followerd import clock
 from followerd.errors import UsageError
+from followerd.events import Tracked
 from followerd.geometry import Camera, Pose2
 from followerd.messages import Box, Image, Odometry, Place, Scan, TrackPhase, TrackState
-from followerd.pipeline import Tracked
 from followerd.record.journal import Dropped, Entry
 from followerd.runtime.vision import Vision
 from followerd.trackers.looking import HISTORY, Looking

@@ -14,11 +14,11 @@ from followerd import app, clock
 from followerd.bench.closed_loop import simulate
 from followerd.config import load
 from followerd.control.transitions import Action
+from followerd.events import Presence
 from followerd.hw.p2os.commands import Cmd
 from followerd.hw.p2os.protocol import PacketDecoder
 from followerd.hw.p2os.writer import BRAKE, HALT
 from followerd.messages import Decision, Mode, StopReason
-from followerd.pipeline import Presence
 from followerd.runtime import logs
 from followerd.runtime.auto_operator import AutoOperator, person_ahead
 from followerd.runtime.daemon import Daemon

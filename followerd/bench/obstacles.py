@@ -22,11 +22,11 @@ from followerd.bench.rows import Row
 from followerd.bench.sweep import sweep
 from followerd.config import load
 from followerd.control.transitions import Action
+from followerd.events import Hand, Presence
 from followerd.geometry import Array, Pose2
 from followerd.hw.p2os.commands import Cmd
 from followerd.hw.p2os.protocol import Packet, PacketDecoder
 from followerd.messages import Twist
-from followerd.pipeline import Hand, Presence
 from followerd.runtime import logs
 from followerd.runtime.daemon import Daemon
 from followerd.sim.place import outline

@@ -5,9 +5,9 @@ Images stand on their own channel; here only their numbers.
 
 from dataclasses import dataclass
 
+from followerd.events import Event
 from followerd.geometry import Pose2
 from followerd.messages import Box, Place
-from followerd.pipeline import Event
 
 
 @dataclass(frozen=True, slots=True)

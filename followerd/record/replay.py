@@ -6,8 +6,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from followerd.errors import UsageError
+from followerd.events import Tracked
 from followerd.messages import Command, Decision, Image, Scan, TrackState
-from followerd.pipeline import Pipeline, Tracked
+from followerd.pipeline import Pipeline
 from followerd.record.codec import plain, restored
 from followerd.record.journal import Enrolled, Looked, Taken
 from followerd.record.reading import Decided, Numbered, Record

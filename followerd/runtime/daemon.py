@@ -9,6 +9,7 @@ from followerd.control.novelty import Novelty
 from followerd.control.transitions import Action
 from followerd.errors import UsageError
 from followerd.estimation.gaze import Gaze
+from followerd.events import Coming, Event, Late, Operator, Tick
 from followerd.hw.interfaces import Base, ExposureLock, Herald, PanTilt, Sensor
 from followerd.messages import (
     Box,
@@ -22,7 +23,7 @@ from followerd.messages import (
     Scan,
     TrackState,
 )
-from followerd.pipeline import Coming, Event, Late, Operator, Pipeline, Tick
+from followerd.pipeline import Pipeline
 from followerd.record.journal import Entry, Taken
 from followerd.runtime.overheard import Hear
 from followerd.runtime.pointing import Pointing

@@ -4,8 +4,8 @@ from collections import deque
 from collections.abc import Callable
 
 from followerd import clock
+from followerd.events import Tracked
 from followerd.messages import Box, Image, RobotPose, Scan, TrackState
-from followerd.pipeline import Tracked
 from followerd.record.journal import Enrolled
 from followerd.trackers.sweeping import Sweeping
 

@@ -10,8 +10,8 @@ from typing import TypeVar
 import structlog
 
 from followerd import clock
+from followerd.events import Tracked
 from followerd.messages import Box, Image, TrackState
-from followerd.pipeline import Tracked
 from followerd.record.journal import Dropped, Enrolled, Looked
 from followerd.trackers.looking import Looking
 

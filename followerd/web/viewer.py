@@ -10,8 +10,8 @@ from aiohttp import WSMsgType, web
 from followerd import clock
 from followerd.control.transitions import Action
 from followerd.errors import FollowerdError, UsageError
+from followerd.events import Hand, Presence
 from followerd.messages import Image, Twist
-from followerd.pipeline import Hand, Presence
 from followerd.web.access import Command
 from followerd.web.hub import STATE_PERIOD, Hub
 from followerd.web.requests import Ack, Act, Alive, Choose, Drive, Enrol, Record, parse
