@@ -35,6 +35,7 @@ class AssociationSettings(Settings):
     trust: TrustSettings = TrustSettings()
     bearing_sigma_deg: float = Field(1.5, gt=0, description="of the tracker's bearing")
     beside_legs: float = Field(6.0, ge=1, description="times that, while the laser sees the legs")
+    first_gate: float = Field(2.5, gt=0, description="of legs that were not seen just before")
     beside_gate: float = Field(0.5, gt=0, le=1, description="share of the gate then")
     range_sigma_m: float = Field(0.3, gt=0, description="of a track's range that names none")
     range_share: float = Field(0.1, ge=0, description="share of its range a track errs at least")
@@ -100,7 +101,7 @@ class Association:
         seen = self._seen(base, stamp, track.range, sigma)
         if has_legs:  # a box's place errs for seconds on end, a leap still tells
             doubtful, gate = s.beside_legs * seen.bearing_sigma, s.beside_gate
-            seen = replace(seen, bearing_sigma=doubtful, distance=None, gate=gate)
+            seen = replace(seen, bearing_sigma=doubtful, sigma=sigma / gate, gate=gate)
         fits = self._filter.measure(seen)
         if fits and has_legs and track.phase is TrackPhase.CONFIRMED:
             self._tied_at, self._confidence = stamp, track.confidence
@@ -268,7 +269,9 @@ class Association:
             return Expected(wrap_angle(self._sight - base.theta))
         distance, bearing = person.seen_from(base)
         s = self.settings
-        return Expected(bearing, distance, s.filter.gate * person.sigma + 0.5 * s.legs.stride_m)
+        is_seen = stamp - self._legs.seen_at <= s.max_track_age_s
+        gate = s.filter.gate if is_seen else s.first_gate
+        return Expected(bearing, distance, gate * person.sigma + 0.5 * s.legs.stride_m)
 
     def _place(self, track: TrackState, sight: float) -> None:
         """Take over what a tracker of scans knows."""
