@@ -27,11 +27,11 @@ NO_CIRCLES = np.empty((0, 3))
 
 
 def until_near(drive: Drive, x: float, y: float, seconds: float = 30.0) -> bool:
-    """Drive toward a standing person; whether the robot comes to its distance in sight of them."""
+    """Drive toward a standing person; whether the robot comes to where it follows in their sight."""
     end = drive.now + seconds
     while drive.now < end:
         drive.step(drive.target(x, y))
-        if drive.sees(x, y) and hypot(x - drive.base.x, y - drive.base.y) < 1.75:
+        if drive.sees(x, y) and hypot(x - drive.base.x, y - drive.base.y) < 2.2:
             return True
     return False
 

@@ -23,6 +23,7 @@ BODY = 0.25  # m, that a person keeps from what stands around
 STEPS = 8  # of a walk
 LOOKS = 4  # of them that are looked at
 SLOWEST = 0.1  # m/s, of a person who may walk
+NOTHING = 0.9  # unseen: as good as all of it
 
 
 class LookoutSettings(Settings):
@@ -129,6 +130,8 @@ def lookout(
     best = int(cost.argmin())
     if cost[best] > cost[0] - s.gain:
         return ground.here if hidden[0] < s.stay_share else None
+    if hidden[best] > NOTHING:
+        return None
     x, y = places[best].tolist()
     return x, y
 

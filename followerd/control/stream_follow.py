@@ -80,6 +80,7 @@ class StreamFollow:
         self._planned_at = -inf  # s
         self._close: Array = np.empty((0, 2))  # m in `odom`, returns about the robot
         self._course = STRAIGHT
+        self._in_sight = False  # the person, of the laser, at the last plan
         self._place: Point | None = None  # the last view point
         self._way: Array = np.empty((0, 2))  # the last way
         # base, sink, discs' centres and radii (in `base`) of the last flow
@@ -125,6 +126,7 @@ class StreamFollow:
         here = base.x, base.y
         ground = Ground(self._surroundings.points, here, s.clearance_m, s.comfort_m)
         goal = ground.clamped(person)
+        self._in_sight = _is_open(ground, here, goal, SOLID)
         velocity = _turned(target.velocity, base.theta)
         hidden = target.phase is not TrackPhase.CONFIRMED
         spread = min(target.sigma, 1.0) if hidden else 0.0
@@ -139,7 +141,7 @@ class StreamFollow:
         # a person beside a wall is free to be reached all the same
         short = max(0.0, 1.0 - s.comfort_m / max(hypot(goal[0] - here[0], goal[1] - here[1]), 0.1))
         stop = here[0] + short * (goal[0] - here[0]), here[1] + short * (goal[1] - here[1])
-        if _is_open(ground, here, stop, s.clearance_m) and _is_open(ground, here, goal, SOLID):
+        if self._in_sight and _is_open(ground, here, stop, s.clearance_m):
             return STRAIGHT
         ground.spread(goal, self._way)
         self._way = ground.way(goal)
@@ -199,7 +201,7 @@ class StreamFollow:
 
     def _in_view(self, flow: float, target: Target) -> float:
         """No farther from the person than that the laser keeps them in view."""
-        if target.phase is not TrackPhase.CONFIRMED:
+        if target.phase is not TrackPhase.CONFIRMED or not self._in_sight:
             return flow
         off = wrap_angle(flow - target.bearing)
         most = radians(self.settings.aside_deg)

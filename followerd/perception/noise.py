@@ -10,6 +10,8 @@ ALIKE = 0.8  # pictures have at most 0.2 here, white noise 1
 
 def is_noise(pixels: Pixels) -> bool:
     """Whether neighbours in a row differ as much as any two pixels, as in random bytes."""
+    if pixels.shape[1] < 2:
+        return False
     rows = pixels[::EVERY].astype(np.float32)
     difference = float(np.mean(np.square(np.diff(rows, axis=1))))
     return difference > 2.0 * ALIKE * float(np.var(rows))
