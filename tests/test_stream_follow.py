@@ -27,7 +27,7 @@ NO_CIRCLES = np.empty((0, 3))
 
 
 def until_near(drive: Drive, x: float, y: float, seconds: float = 30.0) -> bool:
-    """Drive toward a standing person; whether the robot comes to where it follows in their sight."""
+    """Drive toward a standing person; whether the robot comes near and sees them."""
     end = drive.now + seconds
     while drive.now < end:
         drive.step(drive.target(x, y))
