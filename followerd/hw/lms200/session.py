@@ -62,16 +62,24 @@ class Session:
         only after another read. What came of a telegram that is not complete is told to `begun`.
         """
         while not self._events:
-            midway = self.decoder.is_midway and expected > 1
-            received = await self._stream.read(self.decoder.missing if midway else expected)
+            received = await self._stream.read(self._wanted(expected, begun is not None))
             self._arrivals.add(received)
             self.received_at = received.stamp
             self.received_bytes += len(received.data)
             self._events.extend(self.decoder.feed(received.data))
             if begun is not None and not self._events and self.decoder.begun_at != self._told_of:
-                self._told_of = self.decoder.begun_at
-                begun(self.decoder.begun)
+                here = self.decoder.begun
+                if len(here) >= expected:
+                    self._told_of = self.decoder.begun_at
+                    begun(here)
         return self._events.popleft()
+
+    def _wanted(self, expected: int, is_told: bool) -> int:
+        """Bytes to wait for."""
+        if expected == 1 or not self.decoder.is_midway:
+            return expected
+        here = len(self.decoder.begun) if is_told else expected
+        return expected - here if here < expected else self.decoder.missing
 
     async def request(self, command: int, data: bytes = b"") -> Telegram:
         """Send, repeat when refused by NAK or not acknowledged, and return the answer.
