@@ -62,17 +62,21 @@ class Session:
         only after another read. What came of a telegram that is not complete is told to `begun`.
         """
         while not self._events:
+            if begun is not None:
+                self._tell(begun, expected)
             received = await self._stream.read(self._wanted(expected, begun is not None))
             self._arrivals.add(received)
             self.received_at = received.stamp
             self.received_bytes += len(received.data)
             self._events.extend(self.decoder.feed(received.data))
-            if begun is not None and not self._events and self.decoder.begun_at != self._told_of:
-                here = self.decoder.begun
-                if len(here) >= expected:
-                    self._told_of = self.decoder.begun_at
-                    begun(here)
         return self._events.popleft()
+
+    def _tell(self, begun: Callable[[bytes], None], least: int) -> None:
+        """Of a telegram of which `least` bytes are here, once."""
+        here = self.decoder.begun
+        if len(here) >= least and self.decoder.begun_at != self._told_of:
+            self._told_of = self.decoder.begun_at
+            begun(here)
 
     def _wanted(self, expected: int, is_told: bool) -> int:
         """Bytes to wait for."""
