@@ -118,6 +118,7 @@ def test_a_person_in_the_simulation_tells_where_the_camera_sits(
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 def test_a_live_session_writes_the_mount_that_a_config_takes(
     simulation: Callable[..., Simulation], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -127,7 +128,7 @@ def test_a_live_session_writes_the_mount_that_a_config_takes(
     robot = robot.model_copy(update={"laser": fine})
     config.write_text(yaml.safe_dump(robot.model_dump(mode="json")), encoding="utf-8")
     twins = simulation(str(tmp_path / "walkabout.yaml"), "--config", str(config), "--seed", "1")
-    options = ["--links", str(twins.links), "--seconds", "14", "--out", str(out)]
+    options = ["--links", str(twins.links), "--seconds", "24", "--out", str(out)]
     assert call(["calibrate", "mount", str(config), *options]) == 0
     said = capsys.readouterr().out
     assert "walk about, near and far" in said
