@@ -34,12 +34,15 @@ class Pressure:
     def look(self) -> None:
         """Decide anew."""
         before, self.why = self.why, self._reason()
-        if bool(before) is not bool(self.why):
-            log.warning("recording and viewing get no pictures", reason=self.why or "it is over")
+        if self.why and not before:
+            log.warning("recording and viewing get no pictures", reason=self.why)
+        elif before and not self.why:
+            log.info("recording and viewing get pictures again")
 
     def _reason(self) -> str:
         newest = list(islice(reversed(self._stats.lags), NEWEST))
-        if len(newest) == NEWEST and float(np.median(newest)) > LATE:
-            return f"the loop is {1000.0 * float(np.median(newest)):.0f} ms late"
+        late = float(np.median(newest)) if len(newest) == NEWEST else 0.0
+        if late > LATE:
+            return f"the loop is {1000.0 * late:.0f} ms late"
         memory = self._memory_mb()
         return f"{memory:.0f} MB of memory in use" if memory > MOST_MB else ""
