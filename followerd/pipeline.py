@@ -177,7 +177,9 @@ class Pipeline:
             points = scan.points()
             clusters = find_clusters(scan, points, self.settings.clusters)
             self._localize(scan, base, now)
-            self._view = View(scan, points, clusters, base, self._mapped(points, clusters))
+            located = None if self.pose is None or self.pose.lost else self.pose.map_from_odom
+            mapped = self._mapped(points, clusters)
+            self._view = View(scan, points, clusters, base, mapped, located)
             self.association.scan(clusters, base, points)
             if carried := self.association.carried(base, scan.stamp):
                 self._judge(carried, now)

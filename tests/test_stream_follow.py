@@ -1,5 +1,6 @@
 """The stream-field follow law: where it goes, and where it never goes."""
 
+from dataclasses import replace
 from math import hypot, isfinite, pi, radians
 from time import process_time
 
@@ -13,7 +14,7 @@ from followerd.config import load
 from followerd.control.clearance import time_to_contact
 from followerd.control.ground import Ground
 from followerd.control.image_centering import ImageCentering
-from followerd.control.interfaces import Target
+from followerd.control.interfaces import Scene, Target
 from followerd.control.registry import CONTROLLERS
 from followerd.control.stream_follow import StreamFollow, StreamFollowSettings
 from followerd.control.surroundings import Surroundings
@@ -180,6 +181,23 @@ def test_what_is_out_of_view_is_remembered_and_what_was_seen_through_is_gone() -
     assert known.points[:, 0].min() > 3.0
     known.see(view_of(Pose2(theta=pi), 9.0, empty, NO_CIRCLES), (), None)
     assert not len(known.points)
+
+
+def test_what_is_remembered_stays_where_it_is_on_the_map_while_odometry_drifts() -> None:
+    law, pillar, empty = StreamFollow(), np.array([[1.0, 0.0, 0.1]]), np.empty((0, 4))
+    person = Target(0.0, 3.0)
+    for k in range(4):
+        drift = Pose2(theta=0.1 * k)
+        base = drift @ Pose2(theta=0.0 if k == 0 else pi)
+        view = view_of(Pose2(theta=0.0 if k == 0 else pi), 0.2 * k, empty, pillar)
+        view = replace(view, base=base, map_from_odom=~drift)
+        law.wish(person, Scene(view.scan.stamp, base, Twist(), view=view))
+    remembered = law.nearby(base)
+    assert remembered.mean(axis=0) == pytest.approx((-0.9, 0.0), abs=0.05)
+    # nothing drifts by metres: the robot was taken for somewhere else
+    view = replace(view, scan=replace(view.scan, stamp=3.0), map_from_odom=Pose2(1.0, 1.0))
+    law.wish(person, Scene(3.0, base, Twist(), view=view))
+    assert law.nearby(base).mean(axis=0) == pytest.approx((-0.9, 0.0), abs=0.05)
 
 
 def test_the_persons_own_legs_stand_in_nobodys_way() -> None:

@@ -32,6 +32,7 @@ class View:
     clusters: Clusters
     base: Pose2  # odom_from_base then
     mapped: npt.NDArray[np.bool_] | None = None  # (K,) clusters that the map's walls explain
+    map_from_odom: Pose2 | None = None  # then; None without a map, and while lost
 
 
 def unforeseen(stamp: float) -> float | None:

@@ -11,7 +11,7 @@ place from which, and on the way to which, most of where they may walk next is s
 """
 
 from dataclasses import dataclass
-from math import atan2, cos, hypot, inf, radians, sin
+from math import atan2, cos, dist, hypot, inf, radians, sin
 
 import numpy as np
 from pydantic import Field
@@ -19,7 +19,7 @@ from pydantic import Field
 from followerd.control.clearance import Footprint, time_to_contact
 from followerd.control.ground import SOLID, Ground, Mask, Point
 from followerd.control.image_centering import ImageCentering, ImageCenteringSettings
-from followerd.control.interfaces import Scene, Target
+from followerd.control.interfaces import Scene, Target, View
 from followerd.control.lookout import LookoutSettings, lookout, seen, walks
 from followerd.control.surroundings import Surroundings
 from followerd.geometry import Array, Pose2, wrap_angle
@@ -60,6 +60,7 @@ class Course:
 
 STRAIGHT = Course(None)
 CLOSER = 0.2  # m that the robot may come closer before the next plan
+JUMP = 0.3  # m; more is no drift: the robot was taken for somewhere else
 THERE = 0.1  # m from a view point the robot stays and looks
 AHEAD = 1.0  # s that a wish must be free of contact, or it is slowed
 LINES, ABREAST = 7, 0.75  # stream lines that are drawn, and half their spread, m
@@ -83,6 +84,7 @@ class StreamFollow:
         self._in_sight = False  # the person, of the laser, at the last plan
         self._place: Point | None = None  # the last view point
         self._way: Array = np.empty((0, 2))  # the last way
+        self._map_from_odom: Pose2 | None = None  # at the last plan
         # base, sink, discs' centres and radii (in `base`) of the last flow
         self._field: tuple[Pose2, complex, Complex, Floats] | None = None
 
@@ -94,6 +96,7 @@ class StreamFollow:
             person = scene.base.apply_point(*along)
         if scene.view is not None and scene.view.scan.stamp >= self._planned_at + s.replan_s:
             self._planned_at = scene.view.scan.stamp
+            self._settle(scene.view)
             self._surroundings.see(scene.view, scene.claimed, person)
             self._close = self._surroundings.within(s.near_m + CLOSER, scene.base)
             self._course = STRAIGHT if person is None else self._planned(target, person, scene)
@@ -119,6 +122,19 @@ class StreamFollow:
         z = lines(aside, np.full(LINES, sink), centres, radii, 0.1, 25)
         points = base.apply(np.column_stack([z.real.ravel(), z.imag.ravel()]))
         return points.reshape(*z.shape, 2)
+
+    def _settle(self, view: View) -> None:
+        """What is remembered stays where it is on the map, however `odom` drifts."""
+        before, now = self._map_from_odom, view.map_from_odom
+        self._map_from_odom = now
+        if before is None or now is None:
+            return
+        shift, here = ~now @ before, (view.base.x, view.base.y)
+        if dist(shift.apply_point(*here), here) > JUMP:
+            return
+        self._surroundings.carry(shift)
+        self._way = shift.apply(self._way)
+        self._place = None if self._place is None else shift.apply_point(*self._place)
 
     def _planned(self, target: Target, person: Point, scene: Scene) -> Course:
         """The way to the person, or to where they are, or will be, seen better."""

@@ -25,6 +25,10 @@ class Surroundings:
         self.points: Array = np.empty((0, 2))  # m, in `odom`, the newest first
         self._seen: Array = np.empty(0)  # s, when each was seen last
 
+    def carry(self, shift: Pose2) -> None:
+        """`odom` has drifted: what is kept is to be found at `shift` of where it was."""
+        self.points = shift.apply(self.points)
+
     def see(
         self, view: View, claimed: tuple[slice, ...], person: tuple[float, float] | None
     ) -> None:
