@@ -95,9 +95,9 @@ class Hub:
         return self._state[1]
 
     def _devices(self, now: float) -> list[dict[str, Any]]:
+        """Streams, and what went wrong with the devices they come from."""
         freshness, stats = self.daemon.pipeline.freshness, self.daemon.stats
-        down = stats.down
-        return [
+        streams = [
             {
                 "name": name,
                 "age": number(now - newest),
@@ -106,13 +106,18 @@ class Hub:
                 "rate": self._rate(STREAMS[name].type),
             }
             for name, newest in freshness.newest.items()
-        ] + [
-            {"name": "frames dropped", "count": f"{self.daemon.vision.dropped} of {stats.frames}"},
-            *(
-                {"name": f"{device} lost", "count": f"{count} times", "fresh": device not in down}
-                for device, count in stats.losses.items()
-            ),
         ]
+        devices = [
+            {
+                "name": device,
+                "fresh": device not in stats.down,
+                "errors": errors,
+                "lost": stats.losses[device],
+            }
+            for device, errors in self.daemon.errors().items()
+        ]
+        dropped = f"{self.daemon.vision.dropped} of {stats.frames}"
+        return [*streams, *devices, {"name": "frames not looked at", "count": dropped}]
 
     def _rate(self, kind: type) -> float | None:
         """Of the newest measurements, Hz."""

@@ -35,6 +35,12 @@ class DaemonMetrics(Collector):
         for device, count in stats.losses.items():
             losses.add_metric([device], count)
         yield losses
+        errors = CounterMetricFamily(
+            "followerd_device_errors", "Something came broken, or not at all.", labels=["device"]
+        )
+        for device, count in daemon.errors().items():
+            errors.add_metric([device], count)
+        yield errors
         ages = GaugeMetricFamily(
             "followerd_stream_age_seconds", "Since the newest was measured.", labels=["stream"]
         )
