@@ -24,7 +24,7 @@ from followerd.geometry import Array
 CAMERA = "640x480@30"
 PIECE = 3.0  # s
 BEGINS = 5.0  # s that a demonstration needs until it follows
-SETTLES = 0.5  # s after a switch that count for neither side
+SETTLES = 1.5  # s after a switch that count for neither side
 TICK = os.sysconf("SC_CLK_TCK")  # 1/s
 
 Beside = Callable[[str], AbstractAsyncContextManager[None]]  # given the page's address
