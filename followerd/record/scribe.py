@@ -33,12 +33,14 @@ class Scribe:
         self.path = path
         self.settings = settings
         self._ours, theirs = socket.socketpair()
-        command = [sys.executable, "-m", "followerd.record.scribe", str(theirs.fileno())]
+        command = [sys.executable, "-P", "-m", "followerd.record.scribe", str(theirs.fileno())]
+        search = os.pathsep.join(filter(None, sys.path))  # this program, not another one
         with theirs:
             self._process = Popen(
                 command,
                 stdin=DEVNULL,
                 stdout=DEVNULL,
+                env={**os.environ, "PYTHONPATH": search},
                 pass_fds=[theirs.fileno()],
                 start_new_session=True,  # a Ctrl-C is the daemon's; this one ends after it
             )
