@@ -1,6 +1,7 @@
 """Records a running daemon: a bounded queue before a thread of its own, which may fail alone.
 
-What is to be written waits until a decision has been made and its command has gone out.
+What is to be written waits until an image was decided upon and the command has gone out: then the
+next image is farthest away.
 
 Recording is the first to give way (FAILSAFES F16): images when the disk cannot keep up, then
 everything when the disk fills. The loop never waits for it.
@@ -16,7 +17,7 @@ from typing import Protocol
 
 import structlog
 
-from followerd.messages import Decision, Image, Measurement
+from followerd.messages import Decision, Image, Measurement, TrackState
 from followerd.record.journal import Entry
 from followerd.record.settings import RecordSettings
 from followerd.record.tape import DiskFull
@@ -24,7 +25,7 @@ from followerd.record.tape import DiskFull
 log = structlog.get_logger()
 
 Write = Callable[[], None]
-PATIENCE = 0.2  # s, without a decision
+PATIENCE = 0.1  # s, without a new track
 
 
 class Writing(Protocol):
@@ -45,6 +46,9 @@ class Writing(Protocol):
     def heard(self, device: str, data: bytes, now: float) -> None:
         """See Tape."""
 
+    def hand_over(self) -> None:
+        """See Tape."""
+
     def close(self) -> None:
         """See Tape."""
 
@@ -61,6 +65,7 @@ class Recorder:
         self._queue: Queue[Write] = Queue(tape.settings.queue)
         self._room = threading.Semaphore(tape.settings.queued_images)
         self._due = threading.Event()
+        self._track: TrackState | None = None
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._work, name="recorder") if threaded else None
         if self._thread is not None:
@@ -82,7 +87,9 @@ class Recorder:
     def decided(self, decision: Decision) -> None:
         """Watches decisions."""
         self._put(partial(self.tape.decision, decision))
-        self._due.set()
+        if decision.track is not self._track:
+            self._track = decision.track
+            self._due.set()
 
     def heard(self, device: str, data: bytes, now: float) -> None:
         """Watches a device's line."""
@@ -129,6 +136,8 @@ class Recorder:
         with suppress(Empty):
             while not self.stopped:
                 self._try(self._queue.get_nowait())
+        if not self.stopped:
+            self._try(self.tape.hand_over)
 
     def _try(self, write: Write) -> None:
         try:

@@ -21,6 +21,7 @@ from followerd.record.tape import DiskFull, Tape
 
 READY = b"ready"
 LATER = 10  # added to the process's niceness: the robot comes first
+BUFFER = 1 << 17  # bytes
 LONGEST = 4096  # bytes that the process may say of its end
 
 
@@ -44,7 +45,7 @@ class Scribe:
                 pass_fds=[theirs.fileno()],
                 start_new_session=True,  # a Ctrl-C is the daemon's; this one ends after it
             )
-        self._out = self._ours.makefile("wb")
+        self._out = self._ours.makefile("wb", BUFFER)
         pickle.dump((path, settings, dict(about), epoch), self._out, pickle.HIGHEST_PROTOCOL)
         self._out.flush()
 
@@ -71,6 +72,13 @@ class Scribe:
         """See Tape."""
         self._tell("heard", device, data, now)
 
+    def hand_over(self) -> None:
+        """Let it write what was gathered so far."""
+        try:
+            self._out.flush()
+        except OSError:
+            raise DiskFull(self._reason()) from None
+
     def close(self) -> None:
         """Finish the file; waits until it is done."""
         with suppress(OSError):
@@ -83,7 +91,6 @@ class Scribe:
     def _tell(self, call: str, *values: object) -> None:
         try:
             pickle.dump((call, values), self._out, pickle.HIGHEST_PROTOCOL)
-            self._out.flush()
         except OSError:
             raise DiskFull(self._reason()) from None
 
@@ -99,7 +106,7 @@ def main(number: int) -> None:
     """Write what comes through the socket of that file descriptor, until it closes."""
     with suppress(OSError):
         os.nice(LATER)
-    with socket.socket(fileno=number) as channel, channel.makefile("rb") as told:
+    with socket.socket(fileno=number) as channel, channel.makefile("rb", BUFFER) as told:
         try:
             tape = Tape(*pickle.load(told))  # our own parent's
             channel.sendall(READY)
