@@ -14,7 +14,7 @@ import numpy as np
 from followerd import clock
 from followerd.control.interfaces import Sketched
 from followerd.geometry import Pose2
-from followerd.messages import Decision, Image, Measurement, Scan, TrackState
+from followerd.messages import Decision, Image, Measurement, Mode, Scan, TrackState
 from followerd.runtime.daemon import Daemon
 from followerd.streams import STREAMS
 from followerd.web.views import decision_view, legs_view, lines_view, number, scan_view, track_view
@@ -45,6 +45,7 @@ class Hub:
         self._shown: TrackState | None = None
         self._state = json.dumps({"state": {"mode": "disarmed", "reasons": ["starting"]}})
         self._state_of = -1.0  # s
+        self._mode: Mode | None = None  # in it
 
     def attach(self) -> None:
         """Begin to look."""
@@ -158,14 +159,17 @@ class Hub:
         is_new, self._shown = track is not self._shown, track
         if is_new:
             self._track = json.dumps({"track": track_view(decision)}, allow_nan=False)
-        now = clock.now()
-        # best right after an image's decision: then the next one is farthest away
-        due = self._state_of + (0.9 if is_new else 1.4) * STATE_PERIOD
-        if now >= due:
-            state = self._view(decision, now)
-            self._state, self._state_of = json.dumps({"state": state}, allow_nan=False), now
-        if is_new or now >= due:
+        if is_due := self._is_due(decision, is_new=is_new):
+            self._state_of, self._mode = clock.now(), decision.mode
+            state = self._view(decision, self._state_of)
+            self._state = json.dumps({"state": state}, allow_nan=False)
+        if is_new or is_due:
             self._tell()
+
+    def _is_due(self, decision: Decision, *, is_new: bool) -> bool:
+        """Best right after an image's decision: then the next image is farthest away."""
+        waits = (0.9 if is_new else 1.4) * STATE_PERIOD
+        return decision.mode is not self._mode or clock.now() - self._state_of >= waits
 
     def _tell(self) -> None:
         for changed in self.viewers:
