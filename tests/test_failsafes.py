@@ -439,13 +439,13 @@ def test_f16_a_full_disk_ends_the_recording_and_nothing_else(tmp_path: Path) -> 
 def test_f16_a_computer_short_of_time_or_memory_is_noticed_and_let_off() -> None:
     stats, memory = Stats(0.0), [100.0]
     pressure = Pressure(stats, lambda: memory[0])
-    stats.lags.extend([0.002] * 50)
+    stats.lags.extend([(0.0, 0.002)] * 50)
     pressure.look()
     assert not pressure.why
-    stats.lags.extend([0.030] * 50)
+    stats.lags.extend([(0.0, 0.030)] * 50)
     pressure.look()
     assert "30 ms late" in pressure.why
-    stats.lags.extend([0.002] * 50)
+    stats.lags.extend([(0.0, 0.002)] * 50)
     memory[0] = 900.0
     pressure.look()
     assert "900 MB" in pressure.why

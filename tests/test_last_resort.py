@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from followerd.hw.p2os.writer import HALT
+from followerd.hw.port_errors import users_of
 from followerd.hw.serial import TtyLink
 from followerd.runtime.heartbeat import Heartbeat
 
@@ -66,6 +67,32 @@ async def test_a_blocked_loop_is_noticed_from_outside(
     await asyncio.gather(running, return_exceptions=True)
     stream.close()
     assert heard(base, 0.2) == b""  # an orderly end needs no last resort
+
+
+async def test_a_port_that_hung_up_is_let_go_and_a_closed_one_opens_again() -> None:
+    heartbeat = Heartbeat(HALT)
+    running = asyncio.ensure_future(heartbeat.run())
+    base, ours = pty.openpty()
+    path = os.ttyname(ours)
+    os.close(ours)
+    link = heartbeat.guarded(TtyLink(path))
+    (await link.open("base", 9600)).close()
+    stream = await link.open("base", 9600)  # the copy of the first is no hindrance
+    await until(lambda: len(users_of(path)) == 2)
+    os.close(base)
+    stream.close()
+    await until(lambda: not users_of(path))
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+
+
+async def until(holds: Callable[[], bool]) -> None:
+    """Wait for it."""
+    for _ in range(1000):
+        if holds():
+            return
+        await asyncio.sleep(0.02)
+    raise AssertionError("in vain")
 
 
 DAEMON = """

@@ -1,6 +1,8 @@
 """What is recorded can be read, replayed to the bit, and survives what happens to files."""
 
 import json
+import os
+import signal
 import subprocess
 import sys
 import threading
@@ -44,6 +46,7 @@ from followerd.record.reading import LENS, Decided, Heard, Numbered, Recording
 from followerd.record.recorder import Recorder
 from followerd.record.recovery import recover
 from followerd.record.replay import Replay
+from followerd.record.scribe import Scribe
 from followerd.record.settings import RecordSettings
 from followerd.record.tape import Tape
 from followerd.runtime.recording import Recording as Switch
@@ -354,6 +357,56 @@ def test_what_a_slow_disk_cannot_take_is_dropped_images_first(tmp_path: Path) ->
     assert len(found) + recorder.dropped == 201
 
 
+def test_a_recording_written_by_another_process_is_the_same(tmp_path: Path) -> None:
+    settings = RecordSettings(images="exact")
+    scribe = Scribe(tmp_path / "a.mcap", settings, {"config": "x"}, 0.0)
+    scribe.wait()
+    recorder, tape = Recorder(scribe), Tape(tmp_path / "b.mcap", settings, {"config": "x"}, 0.0)
+    for number in range(1, 9):
+        recorder.measured(image(number))
+        tape.image(image(number))
+        recorder.consumed(Taken(0.1 * number, scan(np.ones(5), 0.1 * number)))
+        tape.entry(Taken(0.1 * number, scan(np.ones(5), 0.1 * number)), number)
+    recorder.close()
+    tape.close()
+    written, same = (Recording(tmp_path / name) for name in ("a.mcap", "b.mcap"))
+    assert written.about == same.about
+    assert list(map(described_in_full, written)) == list(map(described_in_full, same))
+
+
+def described_in_full(record: object) -> object:
+    """A record of a recording, to compare."""
+    return plain(record) if isinstance(record, Image) else repr(record)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("end", ["full", "killed"])
+def test_a_recording_that_another_process_cannot_go_on_with_ends_alone(
+    end: str, tmp_path: Path
+) -> None:
+    settings = RecordSettings(min_free_mb=1e9 if end == "full" else 0.0)
+    scribe = Scribe(tmp_path / "a.mcap", settings, {}, 0.0)
+    scribe.wait()
+    recorder = Recorder(scribe)
+    if end == "killed":
+        scribes = [child for child in children(os.getpid()) if b".scribe" in command_of(child)]
+        os.kill(scribes[0], signal.SIGKILL)
+    for number in range(500):
+        recorder.consumed(Dropped(0.1 * number, number))
+        if recorder.stopped:
+            break
+        time.sleep(0.02)
+    recorder.close()
+    assert ("MB left" if end == "full" else "has ended") in recorder.stopped
+
+
+@pytest.mark.slow
+def test_a_place_where_nothing_can_be_written_is_told_at_once(tmp_path: Path) -> None:
+    scribe = Scribe(tmp_path / "no" / "a.mcap", RecordSettings(), {}, 0.0)
+    with pytest.raises(UsageError, match="cannot be written"):
+        scribe.wait()
+
+
 @pytest.mark.slow
 def test_a_gap_is_named_by_replay(exact: Path) -> None:
     records = [
@@ -389,6 +442,11 @@ def children(parent: int) -> list[int]:
     """Processes that a process has started."""
     tasks = Path(f"/proc/{parent}/task").glob("*/children")
     return [int(child) for task in tasks for child in task.read_text().split()]
+
+
+def command_of(process: int) -> bytes:
+    """What it was started by."""
+    return Path(f"/proc/{process}/cmdline").read_bytes()
 
 
 def lives(process: int) -> bool:

@@ -229,6 +229,24 @@ async def test_a_closed_stream_says_so_and_closing_twice_is_fine(wire: Pty) -> N
     again.close()
 
 
+async def test_a_closed_port_is_free_though_the_last_resort_keeps_a_copy(wire: Pty) -> None:
+    stream = await open_link(wire.path).open("base", 9600)
+    assert isinstance(stream, PortStream)
+    copy = os.dup(stream.fileno())  # a lock belongs to all copies of a descriptor
+    stream.close()
+    (await open_link(wire.path).open("base", 9600)).close()
+    os.close(copy)
+
+
+async def test_the_mark_against_others_goes_when_a_real_port_is_closed(
+    wire: Pty, adapter: list[int]
+) -> None:
+    stream = await open_link(wire.path).open("base", 9600)
+    assert termios.TIOCNXCL not in adapter
+    stream.close()
+    assert termios.TIOCNXCL in adapter
+
+
 async def test_discarded_input_is_not_read(wire: Pty) -> None:
     stream = await open_link(wire.path).open("base", 9600)
     os.write(wire.master, b"old")
@@ -344,6 +362,20 @@ async def test_bytes_go_both_ways_over_a_socket_and_its_end_is_a_lost_link() -> 
         with pytest.raises(LinkLost):
             await stream.read()
         stream.close()
+
+
+async def test_a_closed_socket_ends_at_the_far_side_too_though_a_copy_is_kept() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        link = open_link(f"socket://127.0.0.1:{server.getsockname()[1]}")
+        stream = await link.open("base", 9600)
+        far, _ = server.accept()
+        with far:
+            far.settimeout(1.0)
+            assert isinstance(stream, PortStream)
+            copy = os.dup(stream.fileno())
+            stream.close()
+            assert far.recv(10) == b""
+            os.close(copy)
 
 
 async def test_a_socket_nobody_listens_on_cannot_be_opened() -> None:

@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from followerd import clock
+from followerd import app, clock, config
 from followerd.config import WebSection
 from followerd.errors import DeviceError, UsageError
 from followerd.messages import Fault, Image, Mode, StopReason
@@ -190,6 +190,8 @@ async def test_metrics_and_health_are_served() -> None:
             text = await answer.text()
         assert 'followerd_stream_age_seconds{stream="scan"}' in text
         assert 'followerd_mode{mode="disarmed"} 1.0' in text
+        for device in ("base", "laser", "camera"):
+            assert f'followerd_device_errors_total{{device="{device}"}} 0.0' in text
         async with session.get(f"{here.address}healthz") as answer:
             assert answer.status == 200
             assert (await answer.json())["mode"] == "disarmed"
@@ -199,6 +201,28 @@ async def test_metrics_and_health_are_served() -> None:
             )
         async with session.get(f"{here.address}metrics") as answer:
             assert 'followerd_device_losses_total{device="laser"} 2.0' in await answer.text()
+
+
+@pytest.mark.slow
+def test_broken_telegrams_and_packets_are_counted_by_device() -> None:
+    async def errors() -> list[dict[str, int]]:
+        faults = ["laser:flip@2s+2s", "robot:flip@2s+2s"]
+        chosen = config.load("legs-sim", {"sim.faults": faults, "operator": "manual"})
+        world, found = app.rig(chosen), list[dict[str, int]]()
+        daemon = app.build(chosen, app.in_memory(world))
+        running = asyncio.ensure_future(clock.together(world.run(), daemon.run()))
+        for _ in range(2):
+            await clock.sleep(2.0)
+            found.append(daemon.errors())
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+        return found
+
+    before, after = clock.run_virtual(errors())
+    assert before == {"base": 0, "laser": 0, "camera": 0}
+    assert after["base"] > 0
+    assert after["laser"] > 0
+    assert after["camera"] == 0
 
 
 async def test_who_does_not_command_only_looks_and_stops() -> None:

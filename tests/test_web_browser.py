@@ -226,8 +226,11 @@ async def test_what_is_recorded_from_the_page_is_a_recording(tmp_path: Path) -> 
         await asyncio.sleep(1.0)
         await page.click("#record")
         await until(page, "document.getElementById('record').textContent === 'Record'")
-        await clock.sleep(0.5)
-        assert [path.stat().st_size > 10_000 for path in tmp_path.rglob("*.mcap")] == [True]
+        for _ in range(200):  # till the process that writes it has finished
+            await asyncio.sleep(0.05)
+            if [path.stat().st_size > 10_000 for path in tmp_path.rglob("*.mcap")] == [True]:
+                return
+        raise AssertionError("nothing was recorded")
 
 
 async def test_a_click_on_stop_is_zero_on_the_wire_at_once() -> None:

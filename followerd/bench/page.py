@@ -1,36 +1,34 @@
 """Suite `page`: what the operator's page and recording cost, and how late the picture is.
 
-In real time, one run after another: the daemon with its twins as a newcomer starts it, a browser
-and other viewers beside it.
+In real time, one run after another: the daemon with its twins as a newcomer starts it, a browser,
+other viewers or a recording beside it, by turns.
 """
 
 import asyncio
 import json
-import re
 import sys
-from asyncio.subprocess import PIPE, Process
+from asyncio.subprocess import PIPE
 from collections.abc import AsyncIterator
 from concurrent.futures import Executor
-from contextlib import asynccontextmanager, suppress
+from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from shutil import which
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import aiohttp
 import numpy as np
 
 from followerd import clock
+from followerd.bench.page_demo import BEGINS, Side, by_turns, demo
 from followerd.bench.report import Report
 from followerd.bench.rows import Row
 from followerd.errors import UsageError
 from followerd.geometry import Array
 
-CAMERA = "640x480@30"
-SECONDS, QUICK_SECONDS = 40.0, 12.0
+SECONDS, QUICK_SECONDS = 60.0, 15.0  # of each side of a comparison
 REPLAYED, QUICK_REPLAYED = 600.0, 20.0  # s of virtual time
-SETTLED = 5.0  # s that a browser draws before it is measured
-Summary = dict[str, Any]
+DRAWS = 5.0  # s that a browser draws before it is measured
+COMMAND = "frame_to_command"
 
 
 def suite(executor: Executor, seeds: int, quick: bool) -> Report:
@@ -42,23 +40,17 @@ def suite(executor: Executor, seeds: int, quick: bool) -> Report:
 async def _rows(seconds: float, quick: bool) -> list[Row]:
     with TemporaryDirectory(prefix="followerd-") as name:
         folder = Path(name)
-        alone = await _run(folder, seconds)
-        watched = await _run(folder, seconds, viewers=3)
-        shown: list[list[float]] = []
-        await _run(folder, seconds, shown=shown)
-        if not shown:
-            raise UsageError("the browser drew nothing: is the computer too busy?")
-        rows = [
-            *_delays(np.array(shown)),
-            *_latency("alone", alone),
-            *_latency("three-viewers", watched),
-        ]
+        rows = _delays(np.array(await _drawn(folder, seconds)))
+        alone, watched = await by_turns(folder, seconds, three_viewers)
+        rows += _latency("alone", alone) + _latency("three-viewers", watched)
+        more = watched.percentile(COMMAND, 99) / alone.percentile(COMMAND, 99) - 1.0
+        rows.append(_row("three-viewers", "frame_to_command_p99_added_percent", 100.0 * more))
         for images in ("jpeg", "exact"):
-            recorded = await _run(folder, seconds, record=images)
-            more = recorded["cpu_percent"] - alone["cpu_percent"]
-            lag = recorded["loop_lag_ms"]["p99"] - alone["loop_lag_ms"]["p99"]
+            alone, with_it = await by_turns(folder, seconds, recorded, "--images", images)
+            lag = with_it.percentile("loop_lag", 99) - alone.percentile("loop_lag", 99)
+            cpu = with_it.cpu_percent - alone.cpu_percent
             rows += [
-                _row(f"record-{images}", "cpu_added_percent", more),
+                _row(f"record-{images}", "cpu_added_percent", cpu),
                 _row(f"record-{images}", "loop_lag_p99_added_ms", lag),
             ]
         rows += await _replayed(folder, QUICK_REPLAYED if quick else REPLAYED)
@@ -92,79 +84,79 @@ def _row(scenario: str, metric: str, value: float) -> Row:
     return Row("page", scenario, "hpf/default", metric, value, unit)
 
 
-def _latency(scenario: str, summary: Summary) -> list[Row]:
-    latency = summary["latency_ms"]["frame_to_command"]
-    return [_row(scenario, f"frame_to_command_{name}_ms", latency[name]) for name in ("p50", "p99")]
+def _latency(scenario: str, side: Side) -> list[Row]:
+    return [
+        _row(scenario, f"frame_to_command_p{share}_ms", side.percentile(COMMAND, share))
+        for share in (50, 99)
+    ]
 
 
-async def _run(
-    folder: Path,
-    seconds: float,
-    *,
-    viewers: int = 0,
-    shown: list[list[float]] | None = None,
-    record: str = "",
-) -> Summary:
-    """The summary of a demonstration in real time."""
-    summary, command = folder / "s.json", ["--camera", CAMERA, "--duration", str(seconds)]
-    if record:
-        command += ["--record", str(folder / f"{record}.mcap"), "--images", record]
-    async with _demo(*command, "--summary", str(summary)) as (process, address):
-        beside = [_watch(address, reads=k > 0) for k in range(viewers)]
-        if shown is not None:
-            beside.append(_browse(address, shown, seconds - SETTLED))
-        tasks = [asyncio.create_task(work) for work in beside]
-        await process.wait()
-        for task in tasks:
-            task.cancel()
-        for outcome in await asyncio.gather(*tasks, return_exceptions=True):
-            if isinstance(outcome, UsageError):
-                raise outcome
-    found: Summary = json.loads(summary.read_text())
-    return found
+async def _drawn(folder: Path, seconds: float) -> list[list[float]]:
+    """Stamps of the pictures that a browser drew. Raises UsageError without."""
+    async with demo(state=folder) as (_, address):
+        await clock.sleep(BEGINS)
+        shown = await _browse(address, seconds)
+    if not shown:
+        raise UsageError("the browser drew nothing: is the computer too busy?")
+    return shown
 
 
 @asynccontextmanager
-async def _demo(*arguments: str) -> AsyncIterator[tuple[Process, str]]:
-    """A demonstration, and the address of its page."""
-    command = [sys.executable, "-m", "followerd", "demo", *arguments]
-    process = await asyncio.create_subprocess_exec(*command, stdout=PIPE, stderr=PIPE)
-    assert process.stdout is not None
-    assert process.stderr is not None
-    drain = asyncio.create_task(process.stderr.read())
+async def three_viewers(address: str) -> AsyncIterator[None]:
+    """Two that acknowledge each picture, one that never reads: it stays in the socket."""
+    async with AsyncExitStack() as stack:
+        for reads in (False, True, True):
+            socket = await stack.enter_async_context(_socket(address))
+            if reads:
+                task = asyncio.create_task(_acknowledge(socket))
+                stack.callback(task.cancel)
+        yield
+
+
+async def _acknowledge(socket: aiohttp.ClientWebSocketResponse) -> None:
+    async for message in socket:
+        if message.type is aiohttp.WSMsgType.BINARY:
+            frame = int.from_bytes(message.data[4:8], "little")
+            await socket.send_json({"do": "ack", "frame": frame})
+
+
+@asynccontextmanager
+async def recorded(address: str) -> AsyncIterator[None]:
+    """Switched on and off as the page does it; nobody looks on meanwhile."""
+    await _record(address, on=True)
     try:
-        address = ""
-        while line := (await process.stdout.readline()).decode():
-            if found := re.match(r"page: (\S+)", line):
-                address = found[1]
-                break
-        if not address:
-            raise UsageError(f"the demonstration did not start: {(await drain).decode()[-300:]}")
-        yield process, address
+        yield
     finally:
-        with suppress(ProcessLookupError):
-            process.terminate()
-        await process.wait()
-        drain.cancel()
+        await _record(address, on=False)
 
 
-async def _watch(address: str, *, reads: bool) -> None:
-    """A viewer; one that never reads leaves what it is sent in the socket."""
+async def _record(address: str, *, on: bool) -> None:
+    async with _socket(address) as socket:
+        for request in ({"do": "command"}, {"do": "record", "on": on}, {"do": "release"}):
+            await socket.send_json(request)
+        async for message in socket:
+            if message.type is not aiohttp.WSMsgType.TEXT:
+                continue
+            answer = message.json().get("answer")
+            if answer is not None and not answer["ok"]:
+                raise UsageError(f"{answer['asked']}: {answer['error']}")
+            if answer is not None and answer["asked"] == "release":
+                return
+
+
+@asynccontextmanager
+async def _socket(address: str) -> AsyncIterator[aiohttp.ClientWebSocketResponse]:
+    """A session and its socket, as the page opens them."""
     headers = {"Origin": address.rstrip("/")}
     jar = aiohttp.CookieJar(unsafe=True)
     async with aiohttp.ClientSession(cookie_jar=jar) as session:
         async with session.post(f"{address}session", data="", headers=headers):
             pass
         async with session.ws_connect(f"{address}ws", headers=headers) as socket:
-            if not reads:
-                await clock.forever()
-            async for message in socket:
-                if message.type is aiohttp.WSMsgType.BINARY:
-                    frame = int.from_bytes(message.data[4:8], "little")
-                    await socket.send_json({"do": "ack", "frame": frame})
+            yield socket
 
 
-async def _browse(address: str, shown: list[list[float]], seconds: float) -> None:
+async def _browse(address: str, seconds: float) -> list[list[float]]:
     """Stamps, s, of pictures on their way to the canvas of a browser on this computer."""
     try:
         from playwright.async_api import async_playwright
@@ -178,12 +170,12 @@ async def _browse(address: str, shown: list[list[float]], seconds: float) -> Non
         browser = await playwright.chromium.launch(executable_path=chromium)
         page = await browser.new_page()
         await page.goto(address)
-        await clock.sleep(min(SETTLED, 0.3 * seconds))
+        await clock.sleep(DRAWS)
         await page.evaluate("window.followerd.view.times.length = 0")
-        await clock.sleep(0.4 * seconds)
+        await clock.sleep(seconds)
         times = await page.evaluate("window.followerd.view.times")
-        shown += [[*(s + epoch for s in stamps[:3]), *stamps[3:]] for stamps in times]
         await browser.close()
+    return [[*(s + epoch for s in stamps[:3]), *stamps[3:]] for stamps in times]
 
 
 async def _replayed(folder: Path, seconds: float) -> list[Row]:

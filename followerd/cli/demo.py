@@ -20,6 +20,7 @@ from followerd.cli.display import Display
 from followerd.cli.page import on_a_free_port
 from followerd.cli.recording import RecordFile, recorded
 from followerd.cli.run import Ending, Seconds, SummaryFile, in_a_folder, live
+from followerd.cli.timings import Timings, TimingsFile
 from followerd.config import Config, load
 from followerd.errors import Stopped, UsageError
 from followerd.hw.camera.settings import PRESETS
@@ -49,6 +50,7 @@ def demo(
     headless: Annotated[bool, Parameter(help="no live view in the terminal")] = False,
     camera: Annotated[str | None, Parameter(help=f"one of {', '.join(PRESETS)}")] = None,
     summary: SummaryFile = None,
+    timings: TimingsFile = None,
     render: Annotated[
         Path | None,
         Parameter(
@@ -64,7 +66,7 @@ def demo(
     changes = {"sim.scenario": scenario, "seed": seed, **_preset(camera)}
     changes |= {} if images is None else {"record.images": images}
     settings = staged(_with_tracker(tracker, changes))
-    ending = Ending()
+    ending, late = Ending(), Timings()
     with ExitStack() as stack:
         world = None
         if virtual:  # forks, which is safe as long as the display has no thread yet
@@ -73,7 +75,7 @@ def demo(
         display = stack.enter_context(Display(headless=headless))
         logs.configure("warning" if display.is_shown else settings.log_level)
         recorders = stack.enter_context(recorded(record, settings))
-        watchers: list[app.Attach] = [*recorders, display.attach, ending.attach]
+        watchers: list[app.Attach] = [*recorders, display.attach, ending.attach, late.attach]
         if world is not None:
             world.camera.develops = bool(render or recorders)  # else only the tracker looks
             figures = _in_virtual_time(settings, duration, watchers, render, world)
@@ -81,6 +83,8 @@ def demo(
             tell = None if headless else display.tell
             figures = _in_real_time(settings, duration, watchers, render, tell)
     _tell(figures)
+    if timings is not None:
+        late.write(timings)
     ending.finish(figures, summary)
 
 

@@ -65,6 +65,15 @@ class Herald(Protocol):
 
 
 @runtime_checkable
+class CountsErrors(Protocol):
+    """A sensor that knows how often something came broken, or not at all."""
+
+    @property
+    def errors(self) -> int:
+        """Telegrams, packets, answers or frames, since the driver was made."""
+
+
+@runtime_checkable
 class ExposureLock(Protocol):
     """A camera, or its stream, that can be kept from adjusting itself."""
 

@@ -210,6 +210,8 @@ class _Tty:
         self._serial.baudrate = baud
 
     def close(self) -> None:
+        with suppress(*FOREIGN):
+            _let_others_in(self.fileno())
         self._serial.close()
 
 
@@ -230,6 +232,13 @@ def _keep_others_out(fd: int) -> None:
     """
     if os.major(os.fstat(fd).st_rdev) not in PTY_MAJORS:
         fcntl.ioctl(fd, termios.TIOCEXCL)
+
+
+def _let_others_in(fd: int) -> None:
+    """Lock and mark would stay as long as the last resort keeps its copy of the descriptor."""
+    fcntl.flock(fd, fcntl.LOCK_UN)
+    if os.major(os.fstat(fd).st_rdev) not in PTY_MAJORS:
+        fcntl.ioctl(fd, termios.TIOCNXCL)
 
 
 class SocketLink:
@@ -281,4 +290,6 @@ class _Socket:
         """Nothing: a socket has no line rate."""
 
     def close(self) -> None:
+        with suppress(OSError):  # the far end is told, whoever keeps a copy
+            self._connection.shutdown(socket.SHUT_RDWR)
         self._connection.close()

@@ -1,30 +1,62 @@
 """Records a running daemon: a bounded queue before a thread of its own, which may fail alone.
 
+What is to be written waits until an image was decided upon and the command has gone out: then the
+next image is farthest away.
+
 Recording is the first to give way (FAILSAFES F16): images when the disk cannot keep up, then
 everything when the disk fills. The loop never waits for it.
 """
 
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
+from pathlib import Path
 from queue import Empty, Full, Queue
+from typing import Protocol
 
 import structlog
 
-from followerd.messages import Decision, Image, Measurement
+from followerd.messages import Decision, Image, Measurement, TrackState
 from followerd.record.journal import Entry
-from followerd.record.tape import DiskFull, Tape
+from followerd.record.settings import RecordSettings
+from followerd.record.tape import DiskFull
 
 log = structlog.get_logger()
 
 Write = Callable[[], None]
-PATIENCE = 0.2  # s, between two looks whether the recording is to end
+PATIENCE = 0.1  # s, without a new track
+
+
+class Writing(Protocol):
+    """A Tape, here or in another process; any call may raise DiskFull, OSError or RuntimeError."""
+
+    path: Path | None
+    settings: RecordSettings
+
+    def image(self, image: Image) -> None:
+        """See Tape."""
+
+    def entry(self, entry: Entry, number: int) -> None:
+        """See Tape."""
+
+    def decision(self, decision: Decision) -> None:
+        """See Tape."""
+
+    def heard(self, device: str, data: bytes, now: float) -> None:
+        """See Tape."""
+
+    def hand_over(self) -> None:
+        """See Tape."""
+
+    def close(self) -> None:
+        """See Tape."""
 
 
 class Recorder:
     """What a daemon's watchers call; `threaded` False writes in place, for virtual time."""
 
-    def __init__(self, tape: Tape, *, threaded: bool = True) -> None:
+    def __init__(self, tape: Writing, *, threaded: bool = True) -> None:
         self.tape = tape
         self.stopped = ""  # why nothing is recorded any more
         self.dropped_images = 0
@@ -32,6 +64,8 @@ class Recorder:
         self._entries = 0
         self._queue: Queue[Write] = Queue(tape.settings.queue)
         self._room = threading.Semaphore(tape.settings.queued_images)
+        self._due = threading.Event()
+        self._track: TrackState | None = None
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._work, name="recorder") if threaded else None
         if self._thread is not None:
@@ -53,6 +87,9 @@ class Recorder:
     def decided(self, decision: Decision) -> None:
         """Watches decisions."""
         self._put(partial(self.tape.decision, decision))
+        if decision.track is not self._track:
+            self._track = decision.track
+            self._due.set()
 
     def heard(self, device: str, data: bytes, now: float) -> None:
         """Watches a device's line."""
@@ -61,6 +98,7 @@ class Recorder:
     def close(self) -> None:
         """Write what waits, and finish the file."""
         self._ending.set()
+        self._due.set()
         if self._thread is not None:
             self._thread.join()
         elif not self.stopped:
@@ -84,14 +122,22 @@ class Recorder:
         self.tape.image(image)
 
     def _work(self) -> None:
-        while not (self._ending.is_set() and self._queue.empty()) and not self.stopped:
-            try:
-                write = self._queue.get(timeout=PATIENCE)
-            except Empty:
-                continue
-            self._try(write)
+        while not self.stopped:
+            ends = self._ending.is_set()
+            self._write_all()
+            if ends:
+                break
+            self._due.wait(PATIENCE)
+            self._due.clear()
         if not self.stopped:
             self.tape.close()
+
+    def _write_all(self) -> None:
+        with suppress(Empty):
+            while not self.stopped:
+                self._try(self._queue.get_nowait())
+        if not self.stopped:
+            self._try(self.tape.hand_over)
 
     def _try(self, write: Write) -> None:
         try:

@@ -10,7 +10,7 @@ from followerd.control.transitions import Action
 from followerd.errors import UsageError
 from followerd.estimation.gaze import Gaze
 from followerd.events import Coming, Event, Late, Operator, Tick
-from followerd.hw.interfaces import Base, ExposureLock, Herald, PanTilt, Sensor
+from followerd.hw.interfaces import Base, CountsErrors, ExposureLock, Herald, PanTilt, Sensor
 from followerd.messages import (
     Box,
     Chassis,
@@ -108,6 +108,11 @@ class Daemon:
             await clock.together(*devices, *own, *watching, *beside)
         finally:
             self.stats.finish(clock.now())
+
+    def errors(self) -> dict[str, int]:
+        """How often something came broken or not at all, by device; see CountsErrors."""
+        devices = (self.base, *self.sensors)
+        return {each.name: each.errors for each in devices if isinstance(each, CountsErrors)}
 
     def take(self, measurement: Measurement) -> None:
         """A device measured something.

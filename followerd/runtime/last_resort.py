@@ -25,17 +25,22 @@ def main(number: int) -> None:
     """Watch over what comes through the socket of that file descriptor, until it closes."""
     channel = socket.socket(fileno=number)
     port, halt, beaten = -1, b"", time.monotonic()  # noqa: TID251 no loop here
+    watched = select.poll()
+    watched.register(channel, select.POLLIN)
     while True:
-        ready, _, _ = select.select([channel], [], [], 0.2 * LATE)
-        if ready:
+        ready = {fd for fd, _ in watched.poll(200.0 * LATE)}
+        if port in ready:  # it hung up; what is plugged in next shall get its number
+            port = let_go(port, watched)
+        if number in ready:
             message, ports, _, _ = socket.recv_fds(channel, LONGEST, 1)
             if not message:
                 break
             beaten = time.monotonic()  # noqa: TID251
             if ports:
                 if port >= 0:
-                    os.close(port)
+                    let_go(port, watched)
                 port, halt = ports[0], message
+                watched.register(port, 0)  # a hang-up is always told
         elif port >= 0 and time.monotonic() - beaten > LATE:  # noqa: TID251
             stop(port, halt, "the loop is blocked")
             # the next message is a sign of life; until then nothing more is written
@@ -43,6 +48,13 @@ def main(number: int) -> None:
             beaten = time.monotonic()  # noqa: TID251
     if port >= 0:
         stop(port, halt, "the daemon is gone")
+
+
+def let_go(port: int, watched: select.poll) -> int:
+    """Close the copy; -1."""
+    watched.unregister(port)
+    os.close(port)
+    return -1
 
 
 def stop(port: int, halt: bytes, why: str) -> None:

@@ -2,12 +2,12 @@
 
 from collections.abc import Callable
 from itertools import islice
+from statistics import median
 
-import numpy as np
 import structlog
 
 from followerd import clock
-from followerd.runtime.stats import Stats, rss_mb
+from followerd.runtime.stats import Stats, delays, rss_mb
 
 PERIOD = 0.5  # s
 NEWEST = 50  # wake-ups that are looked at, one second
@@ -40,9 +40,8 @@ class Pressure:
             log.info("recording and viewing get pictures again")
 
     def _reason(self) -> str:
-        newest = list(islice(reversed(self._stats.lags), NEWEST))
-        late = float(np.median(newest)) if len(newest) == NEWEST else 0.0
-        if late > LATE:
+        newest = delays(islice(reversed(self._stats.lags), NEWEST))
+        if len(newest) == NEWEST and (late := median(newest)) > LATE:
             return f"the loop is {1000.0 * late:.0f} ms late"
         memory = self._memory_mb()
         return f"{memory:.0f} MB of memory in use" if memory > MOST_MB else ""

@@ -17,6 +17,7 @@ from followerd.errors import UsageError
 from followerd.hw.camera.calibration import Calibration
 from followerd.record.reading import LENS
 from followerd.record.recorder import Recorder
+from followerd.record.scribe import Scribe
 from followerd.record.tape import Tape
 from followerd.runtime.daemon import Daemon
 
@@ -47,10 +48,20 @@ class Recording:
         about = described(self._config)
         if self._daemon.decision is not None:
             about["begun"] = UNDER_WAY
-        tape = Tape(path, self._config.record, about, clock.epoch())
-        self.recorder = Recorder(tape, threaded=not clock.is_virtual())
+        self.recorder = self._opened(path, about)
         for watchers, watch in self._watches(self.recorder):
             watchers.append(watch)
+
+    def _opened(self, path: Path | None, about: dict[str, str]) -> Recorder:
+        settings = self._config.record
+        if clock.is_virtual():
+            return Recorder(Tape(path, settings, about, clock.epoch()), threaded=False)
+        if path is not None and path.exists():
+            raise UsageError(f"{path} exists; recordings are never overwritten")
+        scribe = Scribe(path, settings, about, clock.epoch())
+        if self._daemon.decision is None:  # then its first images must not be missed
+            scribe.wait()
+        return Recorder(scribe)
 
     def stop(self) -> Recorder | None:
         """Take no more; what waits is written by `Recorder.close`, which takes a moment."""

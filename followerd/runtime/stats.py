@@ -3,7 +3,7 @@
 import os
 import resource
 from collections import Counter, deque
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from time import process_time
 
@@ -14,6 +14,8 @@ from followerd.messages import Command, Decision, Fault, Image, Measurement, Mod
 
 LAG_PERIOD = 0.02  # s
 KEPT = 100_000  # newest figures of each kind: a daemon runs for weeks
+
+Late = tuple[float, float]  # loop time, and how late; s
 
 
 @dataclass(slots=True)
@@ -45,8 +47,8 @@ class Stats:
     mode: Mode = Mode.DISARMED
     mode_since: float = 0.0
     mode_times: dict[Mode, float] = field(default_factory=dict)
-    latencies: dict[str, deque[float]] = field(default_factory=dict)  # cause -> s
-    lags: deque[float] = field(default_factory=lambda: deque(maxlen=KEPT))  # s
+    latencies: dict[str, deque[Late]] = field(default_factory=dict)  # of commands, by their cause
+    lags: deque[Late] = field(default_factory=lambda: deque(maxlen=KEPT))  # of the loop
     stops: list[Stop] = field(default_factory=list)
     losses: Counter[str] = field(default_factory=Counter)  # of devices, by their names
     down: set[str] = field(default_factory=set)  # devices that are lost now
@@ -81,9 +83,8 @@ class Stats:
     def sent(self, command: Command, stamp: float) -> None:
         """Note that a command's last byte was written."""
         if command.cause_received is not None:
-            self.latencies.setdefault(command.cause, deque(maxlen=KEPT)).append(
-                stamp - command.cause_received
-            )
+            late = stamp, stamp - command.cause_received
+            self.latencies.setdefault(command.cause, deque(maxlen=KEPT)).append(late)
         if command.stops and self.stops and self.stops[-1].time_to_stop is None:
             self.stops[-1].time_to_stop = stamp - self.stops[-1].at
 
@@ -96,7 +97,8 @@ class Stats:
         while not clock.is_virtual():
             due = clock.now() + LAG_PERIOD
             await clock.sleep(LAG_PERIOD)
-            self.lags.append(clock.now() - due)
+            now = clock.now()
+            self.lags.append((now, now - due))
 
     def _leave_mode(self, now: float) -> None:
         since = self.mode_since or self.began
@@ -106,6 +108,11 @@ class Stats:
     def cpu_percent(self, elapsed: float) -> float:
         """Share of one core that this process used since it was made."""
         return 100.0 * (process_time() - self.process_began) / max(elapsed, 1e-9)
+
+
+def delays(late: Iterable[Late]) -> list[float]:
+    """How late, without when."""
+    return [seconds for _, seconds in late]
 
 
 def percentiles(values: Collection[float], *names: str) -> dict[str, float | None]:
@@ -137,10 +144,10 @@ def summary(stats: Stats, *, virtual: bool, now: float) -> dict[str, object]:
         "frames": stats.frames,
         "scans": stats.scans,
         "latency_ms": {
-            name: percentiles(stats.latencies.get(cause, []), "p50", "p99", "max")
+            name: percentiles(delays(stats.latencies.get(cause, [])), "p50", "p99", "max")
             for cause, name in causes.items()
         },
-        "loop_lag_ms": percentiles([] if virtual else stats.lags, "p99", "max"),
+        "loop_lag_ms": percentiles([] if virtual else delays(stats.lags), "p99", "max"),
         "cpu_percent": None if virtual else round(stats.cpu_percent(elapsed), 1),
         "rss_mb": rss_mb(),
         "stops": [stop.row(stats.began) for stop in stats.stops],

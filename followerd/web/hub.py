@@ -14,14 +14,14 @@ import numpy as np
 from followerd import clock
 from followerd.control.interfaces import Sketched
 from followerd.geometry import Pose2
-from followerd.messages import Decision, Image, Measurement, Scan, TrackState
+from followerd.messages import Decision, Image, Measurement, Mode, Scan, TrackState
 from followerd.runtime.daemon import Daemon
 from followerd.streams import STREAMS
 from followerd.web.views import decision_view, legs_view, lines_view, number, scan_view, track_view
 
 HEADER = struct.Struct("<IIddd")  # kind 1, frame id; s (loop) of exposure, in memory, sent
 PICTURE = 1
-STATE_PERIOD = 0.1  # s
+STATE_PERIOD = 0.1  # s, about
 LOOK = 0.012  # s that a tracker may look at an image before it is shown all the same
 RATED = 40  # measurements that a rate is taken of
 
@@ -43,7 +43,9 @@ class Hub:
         self._stamps: dict[type, deque[float]] = {}
         self._track = ""
         self._shown: TrackState | None = None
-        self._state: tuple[float, str] = (-1.0, "")
+        self._state = json.dumps({"state": {"mode": "disarmed", "reasons": ["starting"]}})
+        self._state_of = -1.0  # s
+        self._mode: Mode | None = None  # in it
 
     def attach(self) -> None:
         """Begin to look."""
@@ -74,30 +76,29 @@ class Hub:
         """The newest track, as the message that shows it."""
         return self._track
 
+    @property
     def state(self) -> str:
-        """Everything that changes less often; worked out ten times a second at most."""
-        now, decision = clock.now(), self.daemon.decision
-        if decision is None:
-            return json.dumps({"state": {"mode": "disarmed", "reasons": ["starting"]}})
-        if now - self._state[0] >= 0.9 * STATE_PERIOD:
-            view = decision_view(decision, self.daemon.pipeline.ego_at(now)) | self._extra()
-            view["devices"] = self._devices(now)
-            if self._scan is not None:
-                view["scan"] = scan_view(*self._scan)
-            if (seen := self.daemon.pipeline.view) is not None:
-                view["legs"] = legs_view(seen)
-            if isinstance(law := self.daemon.pipeline.controller, Sketched):
-                view["way"] = np.round(law.sketch(), 2).tolist()
-                view["lines"] = lines_view(law.lines())
-            if self.daemon.scanning is not None:
-                view["courses"] = lines_view(self.daemon.scanning.courses())
-            self._state = now, json.dumps({"state": view}, allow_nan=False)
-        return self._state[1]
+        """Everything that changes less often, as the message that shows it."""
+        return self._state
+
+    def _view(self, decision: Decision, now: float) -> dict[str, Any]:
+        view = decision_view(decision, self.daemon.pipeline.ego_at(now)) | self._extra()
+        view["devices"] = self._devices(now)
+        if self._scan is not None:
+            view["scan"] = scan_view(*self._scan)
+        if (seen := self.daemon.pipeline.view) is not None:
+            view["legs"] = legs_view(seen)
+        if isinstance(law := self.daemon.pipeline.controller, Sketched):
+            view["way"] = np.round(law.sketch(), 2).tolist()
+            view["lines"] = lines_view(law.lines())
+        if self.daemon.scanning is not None:
+            view["courses"] = lines_view(self.daemon.scanning.courses())
+        return view
 
     def _devices(self, now: float) -> list[dict[str, Any]]:
+        """Streams, and what went wrong with the devices they come from."""
         freshness, stats = self.daemon.pipeline.freshness, self.daemon.stats
-        down = stats.down
-        return [
+        streams = [
             {
                 "name": name,
                 "age": number(now - newest),
@@ -106,13 +107,18 @@ class Hub:
                 "rate": self._rate(STREAMS[name].type),
             }
             for name, newest in freshness.newest.items()
-        ] + [
-            {"name": "frames dropped", "count": f"{self.daemon.vision.dropped} of {stats.frames}"},
-            *(
-                {"name": f"{device} lost", "count": f"{count} times", "fresh": device not in down}
-                for device, count in stats.losses.items()
-            ),
         ]
+        devices = [
+            {
+                "name": device,
+                "fresh": device not in stats.down,
+                "errors": errors,
+                "lost": stats.losses[device],
+            }
+            for device, errors in self.daemon.errors().items()
+        ]
+        dropped = f"{self.daemon.vision.dropped} of {stats.frames}"
+        return [*streams, *devices, {"name": "frames not looked at", "count": dropped}]
 
     def _rate(self, kind: type) -> float | None:
         """Of the newest measurements, Hz."""
@@ -148,12 +154,22 @@ class Hub:
         track, coming = decision.track, self._coming
         if coming is not None and track is not None and track.frame_id == coming.id:
             self._show()
-        if not self.viewers or decision.track is self._shown:
+        if not self.viewers:
             return
-        self._shown = decision.track
-        view = track_view(decision)
-        self._track = json.dumps({"track": view}, allow_nan=False)
-        self._tell()
+        is_new, self._shown = track is not self._shown, track
+        if is_new:
+            self._track = json.dumps({"track": track_view(decision)}, allow_nan=False)
+        if is_due := self._is_due(decision, is_new=is_new):
+            self._state_of, self._mode = clock.now(), decision.mode
+            state = self._view(decision, self._state_of)
+            self._state = json.dumps({"state": state}, allow_nan=False)
+        if is_new or is_due:
+            self._tell()
+
+    def _is_due(self, decision: Decision, *, is_new: bool) -> bool:
+        """Best right after an image's decision: then the next image is farthest away."""
+        waits = (0.9 if is_new else 1.4) * STATE_PERIOD
+        return decision.mode is not self._mode or clock.now() - self._state_of >= waits
 
     def _tell(self) -> None:
         for changed in self.viewers:

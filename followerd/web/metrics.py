@@ -1,6 +1,7 @@
 """What Prometheus reads; names carry their units."""
 
 from collections.abc import Iterator
+from itertools import islice
 
 from prometheus_client import CollectorRegistry
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
@@ -9,7 +10,7 @@ from prometheus_client.registry import Collector
 from followerd import clock
 from followerd.messages import Mode
 from followerd.runtime.daemon import Daemon
-from followerd.runtime.stats import percentiles, rss_mb
+from followerd.runtime.stats import delays, percentiles, rss_mb
 
 QUANTILES = {"p50": "0.5", "p99": "0.99"}
 NEWEST = 2000  # measurements that a quantile is taken of
@@ -34,6 +35,12 @@ class DaemonMetrics(Collector):
         for device, count in stats.losses.items():
             losses.add_metric([device], count)
         yield losses
+        errors = CounterMetricFamily(
+            "followerd_device_errors", "Something came broken, or not at all.", labels=["device"]
+        )
+        for device, count in daemon.errors().items():
+            errors.add_metric([device], count)
+        yield errors
         ages = GaugeMetricFamily(
             "followerd_stream_age_seconds", "Since the newest was measured.", labels=["stream"]
         )
@@ -64,12 +71,12 @@ class DaemonMetrics(Collector):
             labels=["cause", "quantile"],
         )
         for cause, values in stats.latencies.items():
-            newest = list(values)[-NEWEST:]
+            newest = delays(islice(reversed(values), NEWEST))
             for name, value in percentiles(newest, *QUANTILES).items():
                 if value is not None:
                     family.add_metric([cause, QUANTILES[name]], value / 1000.0)
         yield family
-        lag = percentiles(list(stats.lags)[-NEWEST:], "p99")["p99"]
+        lag = percentiles(delays(islice(reversed(stats.lags), NEWEST)), "p99")["p99"]
         if lag is not None:
             yield _gauge("followerd_loop_lag_p99_seconds", "The loop was late.", lag / 1000.0)
 

@@ -13,7 +13,7 @@ from followerd.errors import FollowerdError, UsageError
 from followerd.events import Hand, Presence
 from followerd.messages import Image, Twist
 from followerd.web.access import Command
-from followerd.web.hub import STATE_PERIOD, Hub
+from followerd.web.hub import Hub
 from followerd.web.requests import Ack, Act, Alive, Choose, Drive, Enrol, Record, parse
 from followerd.web.switches import Switches
 
@@ -46,38 +46,39 @@ class Viewer:
     async def run(self) -> None:
         """Until the socket closes."""
         self._hub.viewers.add(self._changed.set)
-        tasks = [asyncio.create_task(part()) for part in (self._show, self._tell)]
+        showing = asyncio.create_task(self._show())
         try:
             await self._listen()
         finally:
             self._hub.viewers.discard(self._changed.set)
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            showing.cancel()
+            await asyncio.gather(showing, return_exceptions=True)
             if self._command.give_up(self.name):
                 self._hub.daemon.handle(Presence(self.name, here=False))
 
     async def _show(self) -> None:
-        """The newest picture once the last one is drawn, and each track."""
+        """The newest state and track, and the newest picture once the last one is drawn."""
         shown: Image | None = None
-        told = ""
+        state, track = self._hub.state, ""  # that state is as old as the last viewer
         while True:
-            await self._changed.wait()
-            self._changed.clear()
-            if self._hub.track != told:
-                told = self._hub.track
-                await self._socket.send_str(told)
+            if self._hub.track != track:
+                track = self._hub.track
+                await self._socket.send_str(track)
+            if self._hub.state != state:
+                state = self._hub.state
+                await self._socket.send_str(state)
+                await self._introduce()
             image = self._hub.image
             if self._drawn and image is not None and image is not shown:
                 shown, self._drawn = image, False
                 await self._socket.send_bytes(await self._hub.picture(image))
+            await self._changed.wait()
+            self._changed.clear()
 
-    async def _tell(self) -> None:
-        while True:
-            await self._socket.send_str(self._hub.state())
-            mine = {"you": self.name, "commander": self._command.holder or None}
-            await self._socket.send_str(json.dumps(mine))
-            await clock.sleep(STATE_PERIOD)
+    async def _introduce(self) -> None:
+        """Tell the page its name, and who commands."""
+        mine = {"you": self.name, "commander": self._command.holder or None}
+        await self._socket.send_str(json.dumps(mine))
 
     async def _listen(self) -> None:
         bad = 0

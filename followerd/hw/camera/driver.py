@@ -27,6 +27,11 @@ class CameraDriver:
         self._stream: FrameStream | None = None
         self.exposure_locked = False
 
+    @property
+    def errors(self) -> int:
+        """See CountsErrors: frames that the camera took and that never came, or were broken."""
+        return self.dropped
+
     async def run(self, sink: Sink) -> None:
         """Stream into `sink` until cancelled; raises OpenError, SetupError, LinkLost."""
         self._stream = stream = await self._source.open(self.name)

@@ -23,6 +23,7 @@ class Counters:
     """What came of the telegrams since the driver was made."""
 
     scans: int = 0
+    broken_telegrams: int = 0  # while it streamed: the checksum is wrong
     unusable_scans: int = 0  # device in error, or not what was asked for
     repeated_scans: int = 0  # the same telegram again: the line's doing, or a frozen device
     implausible_scans: int = 0  # too many ranges out of the blue

@@ -71,6 +71,12 @@ class Lms200:
         self._was_degraded = False
         self._was_used = False  # the newest telegram of a scan
 
+    @property
+    def errors(self) -> int:
+        """See CountsErrors: telegrams that were broken or of no use."""
+        counted = self.counters
+        return counted.broken_telegrams + counted.unusable_scans + counted.implausible_scans
+
     async def run(self, sink: Sink) -> None:
         """See hw.interfaces.Sensor. A laser that boots is waited for, for a minute."""
         stream = await self._link.open(self.name, self._last_baud)
@@ -129,12 +135,14 @@ class Lms200:
         When they are late, it may be that a telegram was cut and its rest is waited for.
         """
         before, begun = self.counters.scans, clock.now()
+        rejected = session.decoder.rejected_frames
         passing_on = self._pass_on(session, assembler, sink, self._expected)
         await clock.within(self._late, passing_on)
         while self.counters.scans == before and clock.now() - begun < self._silence:
             passing_on = self._pass_on(session, assembler, sink)
             await clock.within(GAP, passing_on)
             session.give_up_if_silent()
+        self.counters.broken_telegrams += session.decoder.rejected_frames - rejected
         return self.counters.scans > before
 
     async def _pass_on(

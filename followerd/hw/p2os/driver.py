@@ -57,6 +57,13 @@ class P2osBase:
         self._pose = Pose2()  # reached in the last session
         self._left_at: int | None = None  # baud, of a session that was left open
         self._session: Session | None = None
+        self._line: PacketStream | None = None  # of the running session
+        self._errors = 0  # of the sessions before
+
+    @property
+    def errors(self) -> int:
+        """See CountsErrors: packets that were broken."""
+        return self._errors + (0 if self._line is None else self._line.stats.rejected)
 
     @property
     def caps(self) -> Caps | None:
@@ -81,7 +88,7 @@ class P2osBase:
     async def run(self, sink: Sink) -> None:
         """Connect and report odometry into `sink` until cancelled."""
         stream = await self._link.open(self.name, self._settings.baud)
-        line = PacketStream(stream, self._settings.baud)
+        self._line = line = PacketStream(stream, self._settings.baud)
         lost = False
         try:
             await self._converse(line, sink)
@@ -90,6 +97,7 @@ class P2osBase:
             raise
         finally:
             self._session = None
+            self._errors, self._line = self.errors, None
             with suppress(LinkLost):
                 if lost:
                     line.write(HALT)

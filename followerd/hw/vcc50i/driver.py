@@ -36,6 +36,7 @@ class Vcc50i:
         self._head: Head | None = None
         self._homes = settings.home_at_start  # unasked, until it has worked once
         self._asked = asyncio.Event()
+        self.errors = 0  # see CountsErrors: what it refused
 
     def look(self, pan: float, tilt: float, rate: float | None = None) -> None:
         """See hw.interfaces.PanTilt."""
@@ -76,6 +77,7 @@ class Vcc50i:
             except Refused as reason:
                 self._head = None
                 setbacks += 1
+                self.errors += 1
                 log.warning("camera does not obey", device=self.name, problem=str(reason))
                 if setbacks >= SETBACKS:
                     raise SetupError(

@@ -82,7 +82,7 @@ function showAnswer(answer) {
 function showDevices() {
   const rows = (state.devices ?? []).map(device => {
     const row = document.createElement('tr');
-    const age = device.age === undefined ? device.count : device.age === null ? '–' : `${Math.round(1000 * device.age)} ms`;
+    const age = device.age === undefined ? troubles(device) : device.age === null ? '–' : `${Math.round(1000 * device.age)} ms`;
     const limit = device.limit ? `${Math.round(1000 * device.limit)} ms` : '';
     const rate = device.rate == null ? '' : `${device.rate.toFixed(1)} Hz`;
     for (const text of [device.name, rate, age, limit]) row.insertCell().textContent = text;
@@ -90,6 +90,10 @@ function showDevices() {
     return row;
   });
   $('devices').tBodies[0].replaceChildren(...rows);
+}
+
+function troubles(device) {
+  return device.count ?? `${device.errors} ${device.errors === 1 ? 'error' : 'errors'}, lost ${device.lost} times`;
 }
 
 function showTrackers() {
