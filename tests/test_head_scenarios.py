@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from followerd import app
-from followerd.bench.kwolek_follow import Figures, Job, at_speed, max_speed, run
+from followerd.bench.kwolek_follow import Figures, Job, at_speed, max_speed, rows, run, seeds_at
 from followerd.config import load
 from followerd.geometry import Camera
 from followerd.messages import Image
@@ -102,6 +102,19 @@ def test_the_fastest_speed_is_that_before_the_first_loss() -> None:
     bad: Figures = {"lost_percent": 4.0}
     assert max_speed([(0.6, good), (0.2, good), (0.4, bad)]) == 0.2
     assert max_speed([(0.2, bad)]) == 0.0
+
+
+def test_most_runs_are_at_one_speed_and_the_fastest_is_of_those_at_every_speed() -> None:
+    numbers = seeds_at(0.6, 20)
+    few = seeds_at(0.25, 20)
+    assert set(few) < set(numbers)
+    good: Figures = dict.fromkeys(("lost_percent", "range_rms_m", "bearing_rms_deg"), 0.0)
+    runs = [(Job("E3", "head/default", 0.25, seed, 1.0), good) for seed in few]
+    runs += [(Job("E3", "head/default", 0.6, seed, 1.0), good) for seed in numbers]
+    runs += [(Job("E3", "head/default", 0.7, few[0], 1.0), good | {"lost_percent": 3.0})]
+    found = [row for row in rows(runs) if row.metric == "max_speed_mps"]
+    assert [row.value for row in found] == [0.6]
+    assert [row.seeds for row in found] == [len(few)]
 
 
 @pytest.mark.parametrize("name", ["head-sim", "head-leading-sim", "head-stereo-sim"])
