@@ -362,6 +362,22 @@ def test_a_localizer_finds_its_place_keeps_it_and_stands_still_in_between(
     assert not told.lost
 
 
+def test_draws_round_the_estimate_sharpen_it_where_the_cloud_is_thin() -> None:
+    floor = from_segments(WALLS, 0.02, np.array([[0.5, 0.5]]))
+    truth = Pose2(0.9, 0.8, 0.7)
+    errors: dict[int, list[float]] = {0: [], 300: []}
+    for draws, found in errors.items():
+        for seed in range(10):
+            settings = LikelihoodFieldSettings(particles=50, draws=draws)
+            localizer = LikelihoodField(settings, floor, np.random.default_rng(seed))
+            localizer.start(truth @ Pose2(0.08, -0.05, 0.03))
+            pose = localizer.step(scan_at(truth), Pose2())
+            assert pose is not None
+            found.append(hypot(pose.map_from_base.x - truth.x, pose.map_from_base.y - truth.y))
+    assert np.mean(errors[300]) < 0.6 * np.mean(errors[0])
+    assert max(errors[300]) < 0.03
+
+
 def test_the_fine_pose_is_the_cloud_s_or_near_it(floor: FloorMap) -> None:
     settings = LikelihoodFieldSettings(particles=300, fine=FineSettings())
     localizer = LikelihoodField(settings, floor, np.random.default_rng(1))

@@ -67,6 +67,15 @@ def test_two_units_differ_and_one_unit_repeats_itself() -> None:
     assert not np.array_equal(seen(true, seed=1), seen(true, seed=2), equal_nan=True)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_what_comes_in_from_beyond_the_picture_is_unknown(seed: int) -> None:
+    true = wall(1.0)
+    true[240:] = 3.0
+    measured = seen(true, seed=seed)
+    assert np.nanmax(measured[:16]) < 2.0
+    assert np.nanmin(measured[-16:]) > 2.0
+
+
 def test_only_a_kinects_twin_has_its_faults() -> None:
     assert app.equipment(load("patches-sim")).camera_structured_light
     assert not app.equipment(load("hpf-sim")).camera_structured_light

@@ -1,14 +1,15 @@
 """The closed loop of suite `kwolek`: how fast a person may walk before the robot loses their face.
 
-The whole daemon in virtual time; in `E3` a person walks backward before the robot, in `E3-leading`
-behind a robot that looks back. In `office` the robot has a stereo pair and finds itself on the
-map while it follows round the furniture.
+The whole daemon in virtual time; in `E3` a person walks backward before the robot, which has a
+Kinect (`E3-stereo`: a stereo pair), in `E3-leading` behind a robot that looks back. In `office` the
+robot has a stereo pair and finds itself on the map while it follows round the furniture.
 """
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from math import pi
+from typing import Any
 
 import cv2
 import numpy as np
@@ -31,22 +32,25 @@ from followerd.sim.scenarios import Scenario
 
 WORLDS = {
     "E3": ("head-sim", "hall-face-to-face"),
+    "E3-stereo": ("head-stereo-sim", "hall-face-to-face"),
     "E3-leading": ("head-leading-sim", "hall-leading"),
     "office": ("head-stereo-sim", "face-to-face"),
 }
 SPEEDS = {  # m/s, of the person
     "E3": (0.25, 0.4, 0.5, 0.6, 0.7, 0.8),
+    "E3-stereo": (0.6,),
     "E3-leading": (0.25, 0.4, 0.6),
     "office": (0.25,),
 }
-FIRST_SEED = 4000
-MOST_SEEDS = 4  # each seed is a run at every speed
+SURE_SPEED = 0.6  # m/s, at which most runs are made
+FIRST_SEED = 5420  # seeds below serve for tuning (some of 5400 to 5419 did)
+MOST_SEEDS, FEW_SEEDS = 10, 2  # at that speed, and at every other
 DURATION, QUICK_DURATION = 35.0, 12.0  # s
 REFERENCE = 1.6  # m
 SETTLED = 3.0  # s after the robot has begun to follow
 LOST = 1.0  # percent of the time, that may be lost
 UNITS = {"lost_percent": "%", "range_rms_m": "m", "bearing_rms_deg": "deg"}
-ON_A_MAP = {"office": {"pose_error_cm": "cm"}}
+ON_A_MAP = {"office": {"pose_error_cm": "cm"}}  # the others have no localizer
 PAPER_SPEED = 0.25  # m/s
 
 
@@ -69,17 +73,22 @@ NEVER_FOLLOWED: Figures = {
 
 def suite(executor: Executor, seeds: int, quick: bool) -> Report:
     """Every speed; `quick`: one speed, one short run each."""
-    numbers = range(FIRST_SEED, FIRST_SEED + (1 if quick else min(seeds, MOST_SEEDS)))
     duration = QUICK_DURATION if quick else DURATION
     jobs = [
         Job(scenario, tracker, speed, seed, duration)
         for scenario in WORLDS
         for tracker in (("head/default",) if scenario != "E3" else ("head/paper", "head/default"))
         for speed in (SPEEDS[scenario][:1] if quick else SPEEDS[scenario])
-        for seed in numbers
+        for seed in seeds_at(speed, 1 if quick else seeds)
     ]
     runs = list(zip(jobs, sweep(executor, run, jobs, "kwolek E3"), strict=True))
     return Report(rows(runs), {"E3: loss and distance over the person's speed": plot(runs)})
+
+
+def seeds_at(speed: float, seeds: int) -> range:
+    """Those of the runs at one speed."""
+    most = MOST_SEEDS if speed == SURE_SPEED else FEW_SEEDS
+    return range(FIRST_SEED, FIRST_SEED + min(seeds, most))
 
 
 def run(job: Job) -> Figures:
@@ -88,7 +97,9 @@ def run(job: Job) -> Figures:
     logs.configure("error")
     config_name, world = WORLDS[job.scenario]
     profile = job.tracker.partition("/")[2]
-    changes = {"sim.scenario": world, "seed": job.seed, "tracker.profile": profile}
+    changes: dict[str, Any] = {"sim.scenario": world, "seed": job.seed, "tracker.profile": profile}
+    if job.scenario not in ON_A_MAP:
+        changes["localizer"] = None
     config = load(config_name, changes)
     rig = Rig(at_speed(scenarios.load(world), job.speed), app.equipment(config), job.seed)
     decisions: list[Decision] = []
@@ -136,7 +147,7 @@ def rows(runs: Sequence[tuple[Job, Figures]]) -> list[Row]:
                 values = [f[metric] for job, f in mine if job.speed == speed]
                 name = f"{scenario}-{speed:g}"
                 result.append(mean_row("kwolek", name, tracker, metric, unit, values))
-        numbers = dict.fromkeys(job.seed for job, _ in mine)
+        numbers = dict.fromkeys(job.seed for job, _ in mine if job.speed == speeds[0])
         fastest: list[float | None] = [
             max_speed([(j.speed, f) for j, f in mine if j.seed == seed]) for seed in numbers
         ]

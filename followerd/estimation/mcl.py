@@ -15,6 +15,7 @@ from followerd.estimation.pose_cloud import (
     array_of,
     covariance,
     cube_estimate,
+    mean_pose,
     moved,
     perturbed,
 )
@@ -62,6 +63,9 @@ class MclSettings(Settings):
         0.02, ge=0, le=0.5, description="share of the particles that one scan must leave"
     )
     cubes: int = Field(8, ge=1, description="best particles tried as middle of the estimate")
+    draws: int = Field(0, ge=0, le=10_000, description="round the estimate, to sharpen it")
+    draw_m: float = Field(0.08, gt=0, description="their deviation")
+    draw_deg: float = Field(1.5, gt=0)
     misfit: float = Field(0.7, ge=0, le=1, description="fit below which a search is worth while")
     misfit_drop: float = Field(0.07, gt=0, le=1, description="below the usual fit, likewise")
     misfit_updates: int = Field(1, ge=1, description="in a row, before one is made")
@@ -130,6 +134,7 @@ class Mcl:
         least = 0.0 if is_sure else s.least_effective * log.size
         self.weights = tempered(self.weights, log, least)
         pose, share = cube_estimate(self.poses, self.weights, s.cubes)
+        pose = self._sharpened(pose)
         spread = covariance(self.poses, self.weights, pose)
         fits = self._fits(self.sensor.fit(pose))
         self._misfits = 0 if fits else self._misfits + 1
@@ -138,6 +143,16 @@ class Mcl:
             self._resample(np.exp(log))
         lost = self._sure < s.sure_updates
         return RobotPose(stamp, pose, pose @ ~ego, spread, lost)
+
+    def _sharpened(self, pose: Pose2) -> Pose2:
+        """The mean of fresh draws round `pose`: after a long step few of the cloud are so near."""
+        s = self.settings
+        if not s.draws:
+            return pose
+        scale = np.array([[s.draw_m], [s.draw_m], [radians(s.draw_deg)]])
+        draws = array_of(pose) + scale * self._rng.standard_normal((3, s.draws))
+        log = self.sensor.log_likelihood(draws)
+        return mean_pose(draws, np.exp(log - log.max()))
 
     def _fits(self, fit: float) -> bool:
         """Whether the scan fits as well as scans did while the pose was relied on."""

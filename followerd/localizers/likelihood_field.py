@@ -19,6 +19,7 @@ class LikelihoodFieldSettings(FieldSettings, MclSettings):
     injected_share: float = Field(0.0, ge=0, le=0.5, description="drawn anew when resampling")
     shake_m: float = Field(0.02, ge=0, description="of unlikely particles after resampling")
     shake_deg: float = Field(0.5, ge=0)
+    draws: int = Field(300, ge=0, le=10_000, description="round the estimate, to sharpen it")
     misfit: float = Field(0.5, ge=0, le=1, description="fit below which a search is worth while")
     misfit_drop: float = Field(0.25, gt=0, le=1, description="below the usual fit, likewise")
     search_gain: float = Field(0.15, ge=0, le=1, description="of the fit, or it found nothing")

@@ -104,7 +104,11 @@ class StructuredLight:
         typical = float(np.median(seen))
         columns = (self._shift_off - 1.0) * camera.fx * BASELINE / typical
         across, down = round(columns), round(self._rows_off)
-        moved = np.roll(depth, (down, across), axis=(0, 1))
+        shift = np.array([[1.0, 0.0, across], [0.0, 1.0, down]])
+        size, beyond = depth.shape[::-1], np.nan
+        moved = cv2.warpAffine(
+            depth, shift, size, None, cv2.INTER_NEAREST, cv2.BORDER_CONSTANT, beyond
+        )
         return np.asarray(moved, np.float32)
 
 
