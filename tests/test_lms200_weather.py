@@ -2,10 +2,17 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from followerd import clock
+from followerd.errors import LinkLost
 from followerd.geometry import Pose2
+from followerd.hw.lms200.protocol import Telegram
+from followerd.hw.lms200.scans import ScanTelegram, Unit
+from followerd.hw.lms200.session import CHUNK, Session
 from followerd.hw.lms200.settings import Lms200Settings, stale_after
+from followerd.hw.stream import Received
 from followerd.sim.twins.lms200 import Lms200Twin
 from tests.lms200_bench import Rig, Round, rig
 
@@ -72,3 +79,53 @@ def test_damaged_telegrams_stop_nothing_and_say_nothing_wrong(seconds: float, sh
     ranges = np.array([scan.ranges for scan in it.scans])
     assert np.abs(ranges[np.isfinite(ranges)] - 3.0).max() < OFF
     assert np.isnan(ranges).mean() < 1e-4
+
+
+class Handed:
+    """A stream of so many bytes and no more."""
+
+    def __init__(self, wire: bytes) -> None:
+        self._wire = wire
+
+    async def read(self, at_least: int = 1) -> Received:
+        chunk, self._wire = self._wire[:at_least], self._wire[at_least:]
+        if len(chunk) < at_least:
+            raise LinkLost("laser", "silent", "")
+        return Received(chunk, 0.0)
+
+    def write(self, data: bytes) -> None:
+        raise AssertionError("nothing is asked")
+
+    async def drain(self) -> None: ...
+
+    def set_baud(self, baud: int) -> None: ...
+
+    def discard_input(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
+WORDS = np.arange(1000, 1181, dtype=np.uint16)
+HEAD = 7  # bytes of a telegram that say what it is
+damages = st.tuples(st.integers(1, 372), st.integers(0, 372), st.binary(max_size=40))
+
+
+@given(damages)
+def test_whatever_a_telegram_lost_the_beginning_of_the_next_one_is_told(
+    damage: tuple[int, int, bytes],
+) -> None:
+    """At 38400 baud a robot that missed one stops unless it knows that another comes (F2, F7)."""
+    first, lost, instead = damage
+    whole = Telegram(0x80, ScanTelegram(WORDS, Unit.MM).to_payload()).to_bytes()
+    following = Telegram(0x80, ScanTelegram(WORDS, Unit.CM).to_payload()).to_bytes()
+    hurt = whole[:first] + instead + whole[first + lost :]
+    told: list[bytes] = []
+
+    async def listen() -> None:
+        session = Session(Handed(hurt + following[: HEAD + CHUNK]), 38400)
+        while True:
+            await session.event(HEAD, told.append)
+
+    with pytest.raises(LinkLost):
+        clock.run_virtual(listen())
+    assert following[:HEAD] in told
