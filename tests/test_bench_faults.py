@@ -5,10 +5,11 @@ from math import pi
 
 import pytest
 
+from followerd.bench.false_stops import account
 from followerd.bench.fault_runs import GONE, HUNG, MOMENTS, Job, Outcome, approaches, run
 from followerd.bench.faults import DEVICES, plan, rows
 from followerd.geometry import Pose2
-from followerd.messages import Twist
+from followerd.messages import Command, Decision, Mode, Reason, StopReason, Twist
 from followerd.sim.faults import FaultKind
 from followerd.sim.truth import Actor, Truth
 
@@ -26,6 +27,7 @@ STOPPED = Outcome(
     too_early=0.0,
     sound=1800.0,
     following=1900.0,
+    stood=18.0,
 )
 
 
@@ -45,6 +47,7 @@ def test_figures_stand_by_failsafe_and_by_fault() -> None:
     assert found["laser:flip", "stopped_percent"] == 50.0
     assert found["laser:off", "time_to_stop_p50_s"] is None
     assert found["F19", "false_stops_per_hour"] == pytest.approx(2.0)
+    assert found["F19", "false_stop_percent"] == pytest.approx(1.0)
 
 
 def truth(stamp: float, distance: float, v: float, bearing: float = 0.0) -> Truth:
@@ -115,3 +118,37 @@ def test_whatever_fails_the_robot_stops_in_time_and_follows_nobody_else(
 def test_the_same_job_gives_the_same_outcome() -> None:
     job = Job("robot:garbage", "turns", 7)
     assert run(job) == run(job)
+
+
+def decided(stamp: float, mode: Mode, *why: StopReason) -> Decision:
+    reasons = tuple(Reason(reason, "x") for reason in why)
+    command = Command(stamp, None if why else Twist(0.3, 0.0), stamp)
+    return Decision(0, stamp, mode, None, None, command, reasons, True, "")
+
+
+FOLLOWED = [decided(0.05 * k, Mode.FOLLOWING) for k in range(40)]  # until 2 s
+DOUBTED = [decided(2.0 + 0.05 * k, Mode.HOLDING, StopReason.TARGET_UNSURE) for k in range(10)]
+AGAIN = [decided(2.5 + 0.05 * k, Mode.FOLLOWING) for k in range(11)]
+SIGHT = [truth(0.05 * k, 2.0, 0.3) for k in range(70)]
+
+
+def test_a_stop_without_a_fault_is_false_and_lasts_until_it_follows_again() -> None:
+    found = account(SIGHT, [*FOLLOWED, *DOUBTED, *AGAIN], [], lambda actor: actor.in_sight)
+    assert found.stops == ((2.0, StopReason.TARGET_UNSURE),)
+    assert found.stood == pytest.approx(0.5)
+    assert found.sound == pytest.approx(3.0)
+
+
+def test_a_stop_for_a_fault_or_a_person_out_of_sight_or_beside_somebody_is_none() -> None:
+    drive = [*FOLLOWED, *DOUBTED, *AGAIN]
+    hurt = account(SIGHT, drive, [(1.5, 9.0)], lambda actor: actor.in_sight)
+    assert not hurt.stops
+    assert hurt.sound == pytest.approx(1.5)
+    hidden = account(SIGHT, drive, [], lambda _: False)
+    assert not hidden.stops
+    assert hidden.sound == pytest.approx(2.5)
+    crowded = [replace(t, others=(t.target,)) for t in SIGHT]
+    assert not account(crowded, drive, [], lambda _: True).stops
+    by_device = [decided(2.0, Mode.HOLDING, StopReason.SCAN_STALE), *DOUBTED[1:], *AGAIN]
+    found = account(crowded, [*FOLLOWED, *by_device], [], lambda _: False)
+    assert found.stops == ((2.0, StopReason.SCAN_STALE),)

@@ -1,7 +1,7 @@
 """The follow figures of hand-made runs."""
 
 from collections.abc import Callable
-from math import atan2, hypot, inf, radians
+from math import asin, atan2, hypot, inf, radians
 
 import pytest
 
@@ -209,6 +209,19 @@ def test_a_person_followed_at_a_wrong_distance_is_still_the_right_person() -> No
     figures = run(21, truth, lambda t: decision(t, track(t, range_=2.0)))
     assert figures["wrong_follow_m"] == 0
     assert figures["tracking_rate"] == 0.0
+
+
+@pytest.mark.parametrize(("aside", "wrong"), [(0.0, 0.0), (0.2, 0.0), (0.3, 0.5)])
+def test_the_distance_of_a_passer_by_in_the_persons_direction_leads_to_the_person(
+    aside: float, wrong: float
+) -> None:
+    def truth(t: float) -> Truth:
+        here = Pose2(0.5 * t, 0.0, 0.0)
+        return truth_of(t, here, (4.0 + 0.5 * t, 0.0), ((3.0 + 0.5 * t, 0.75 * aside),))
+
+    bearing = asin(aside / 4.0)  # of a ray that passes the person so far aside
+    figures = run(21, truth, lambda t: decision(t, track(t, bearing, 3.0)))
+    assert figures["wrong_follow_m"] == pytest.approx(wrong)
 
 
 def test_contacts_and_time_too_close_are_counted() -> None:

@@ -44,6 +44,7 @@ from followerd.trackers.legs import Legs, LegsSettings
 from followerd.trackers.looking import Looking
 from tests import test_p2os_writer as base_writer
 from tests import test_recording as recording
+from tests import test_stream_field_tracker as on_map
 from tests.follow_rig import BASE_FROM_LASER, BEARINGS, Rig, standing, walking
 from tests.test_pipeline import Elsewhere
 
@@ -479,7 +480,7 @@ class LosingItself(Elsewhere):
         self, scan: Scan, ego: Pose2, person: tuple[float, float] | None = None
     ) -> RobotPose | None:
         at = Pose2(1.0, 2.0, 0.5)
-        return RobotPose(scan.stamp, at @ ego, at, np.eye(3), scan.stamp > BROKE)
+        return RobotPose(scan.stamp, at @ ego, at, 1e-4 * np.eye(3), scan.stamp > BROKE)
 
 
 class Jumping(Elsewhere):
@@ -500,6 +501,31 @@ def test_f17_who_is_lost_on_the_map_follows_on_in_odom() -> None:
     assert rig.decisions[-1].pose.lost
     assert rig.decisions[-1].mode is Mode.FOLLOWING
     assert rig.twist.v > 0.3
+
+
+def test_f17_walls_of_the_map_excuse_no_return_once_the_robot_is_lost() -> None:
+    rig = Rig(STROLL)
+    rig.pipeline.localizer = LosingItself()
+    rig.pipeline._walls = np.array([[[-9.0, 9.0], [9.0, 9.0]]])
+    rig.armed().run(BROKE - rig.now)
+    before = rig.pipeline.view
+    rig.run(0.3)
+    after = rig.pipeline.view
+    assert before is not None
+    assert before.mapped is not None
+    assert after is not None
+    assert after.mapped is None
+
+
+def test_f17_a_tracker_on_the_map_is_off_it_within_a_second() -> None:
+    stage = on_map.Stage()
+    stage.enrol()
+    stage.walk(0.6, 0.0)
+    assert stage.tracker.courses().size  # ways that the map leaves
+    stage.map_from_odom = None
+    stage.walk(1.0 + on_map.PERIOD, 0.0)
+    assert not stage.tracker._on_map
+    assert not stage.tracker.courses().size
 
 
 @pytest.mark.parametrize("by_map", [True, False])

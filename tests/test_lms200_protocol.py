@@ -635,5 +635,7 @@ def test_the_middle_value_looks_ahead() -> None:
 def test_a_telegram_is_known_by_its_first_bytes() -> None:
     decoder = TelegramDecoder()
     decoder.feed(bytes.fromhex("00 02 80 6E 01 B0 B5 40 E8"))
-    assert decoder.begun == bytes.fromhex("02 80 6E 01 B0 B5 40 E8")
-    assert decoder.begun_at == 1
+    first = bytes.fromhex("02 80 6E 01 B0 B5 40")
+    assert list(decoder.beginnings(0, 7)) == [(1, first)]
+    assert not list(decoder.beginnings(2, 7))
+    assert not list(decoder.beginnings(0, 9))

@@ -171,6 +171,22 @@ def test_without_a_newer_command_the_robot_stops_when_it_expires(writer: Writer)
     assert [writer.due(now) for now in (1.55, 2.0, 9.0)] == [b"", b"", b""]
 
 
+def test_motors_found_off_stop_the_robot_and_the_decision_that_says_so_is_served(
+    writer: Writer,
+) -> None:
+    """They may be said to be off and be on."""
+    writer.drive(go(Twist(0.3, 0.1), 1.0), 1.0)
+    writer.due(1.0)
+    writer.note(status(1.1, standing=False, motors=False))
+    assert writer.due(1.1) == HALT
+    decided = Command(1.11, None, 1.11)
+    writer.drive(decided, 1.11)
+    assert writer.due(1.11) == b""
+    assert writer.served is decided
+    assert writer.due(1.3) == HALT
+    assert writer.served is None
+
+
 def test_after_a_gap_the_old_setpoints_are_cleared_before_new_ones_are_sent(
     writer: Writer,
 ) -> None:

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from followerd.estimation.association import Association
+from followerd.estimation.trust import Trust
 from followerd.geometry import Array, Pose2
 from followerd.messages import Scan, TrackPhase, TrackState
 from followerd.perception.clusters import ClusterSettings, find_clusters
 
+Leg = tuple[float, float]
 HERE = Pose2()
 ANGLES = np.radians(np.arange(-90.0, 91.0))
 SETTINGS = ClusterSettings()
@@ -117,6 +119,43 @@ def test_a_track_that_goes_over_to_somebody_who_stood_there_is_doubted_at_once()
     run = Run()
     run.go(1.0, (2.0, 0.6), *person(2.0, 0.6), *person(2.0, -0.4))
     assert run.go(0.5, (2.0, -0.4), *person(2.0, -0.4)) is TrackPhase.TENTATIVE
+
+
+def heard(trust: Trust, stamp: float, found: tuple[tuple[float, float], ...], *rest: Leg) -> None:
+    """One scan in which the legs `found` are taken for the person's, and `rest` are not."""
+    one = scan(stamp, *found, *rest)
+    points = one.points()
+    clusters = find_clusters(one, points, SETTINGS)
+    off = [np.hypot(*(clusters.centre - leg).T) for leg in found]
+    own = np.array([int(np.argmin(each)) for each in off], np.intp)
+    trust.scan(clusters, points, HERE, None, own)
+
+
+def test_a_passer_by_taken_for_a_hidden_person_does_not_make_the_person_a_stranger() -> None:
+    """While nobody says who is who, whoever stands beside the legs found may be the person."""
+    trust = Trust()
+    for k in range(10):
+        heard(trust, 0.1 * k, person(3.0, 0.0))
+        trust.agree((3.0, 0.0), 0.1 * k)
+    for k, y in enumerate(np.arange(0.9, -0.8, -0.15)):  # somebody steps in between
+        heard(trust, 1.0 + 0.1 * k, (), *person(2.5, y))
+    heard(trust, 2.3, person(2.5, -0.8), *person(3.1, 0.1))
+    for k in range(8):
+        heard(trust, 2.4 + 0.1 * k, person(3.1, 0.1), *person(2.5, -0.9))
+        trust.agree((3.1, 0.1), 2.4 + 0.1 * k)
+    assert trust.given, trust.why
+
+
+def test_somebody_known_as_another_stays_that_beside_the_person() -> None:
+    trust = Trust()
+    for k, y in enumerate(np.arange(1.3, 0.35, -0.1)):
+        heard(trust, 0.1 * k, person(3.0, 0.0), *person(2.7, y))
+        trust.agree((3.0, 0.0), 0.1 * k)
+    trust.doubt("lost", 1.0)
+    for k in range(10):
+        heard(trust, 1.0 + 0.1 * k, person(2.7, 0.4))
+        trust.agree((2.7, 0.4), 1.0 + 0.1 * k)
+    assert not trust.given
 
 
 def test_a_person_lost_and_found_is_believed_again_with_their_legs() -> None:

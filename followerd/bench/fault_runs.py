@@ -12,7 +12,9 @@ import numpy as np
 
 from followerd import app, clock
 from followerd.bench.closed_loop import simulate
-from followerd.config import load
+from followerd.bench.false_stops import Account, InView, account, broken
+from followerd.bench.metrics import is_visible
+from followerd.config import Config, load
 from followerd.control.transitions import Action
 from followerd.events import Presence
 from followerd.hw.p2os.commands import Cmd
@@ -24,21 +26,12 @@ from followerd.runtime.auto_operator import AutoOperator, person_ahead
 from followerd.runtime.daemon import Daemon
 from followerd.runtime.stats import Stop
 from followerd.sim.faults import Fault, FaultKind
+from followerd.sim.rig import Rig
 from followerd.sim.truth import Actor, Truth
 
 HUNG = "decisions:stuck"  # not a device: the pipeline decides nothing new (F1)
 GONE = "operator:off"  # nor is this: the session that armed is heard of no more (F14)
 SESSION = "page"
-BROKEN = frozenset(
-    {
-        StopReason.SCAN_STALE, StopReason.IMAGE_STALE, StopReason.ODOMETRY_STALE,
-        StopReason.DECISION_STALE, StopReason.ABSURD_DATA, StopReason.LINK_LOST,
-        StopReason.DEVICE_REFUSED, StopReason.LOOP_LATE, StopReason.TARGET_UNSURE,
-        StopReason.TARGET_LOST, StopReason.WHEEL_STALL, StopReason.BUMPER,
-        StopReason.MOTORS_OFF, StopReason.STOP_BUTTON, StopReason.LOW_BATTERY,
-        StopReason.OPERATOR_GONE,
-    }
-)  # fmt: skip
 CONFIG = {"record.raw_bytes": True}
 SETPOINTS = (Cmd.VEL, Cmd.RVEL, Cmd.HEAD, Cmd.DHEAD, Cmd.VEL2)
 SLOWEST = {"laser.baud": 38400, "laser.resolution_deg": 1}  # that F2 allows; trackers of images
@@ -87,12 +80,13 @@ class Outcome:
     collisions: int
     approaches: int
     wrong_follow: float  # m
-    false_stops: int  # because of a device, without a fault
+    false_stops: int  # without a fault, see `account`
     unnamed_stops: int  # without reason, device or time (F19)
     stops: int
     too_early: float  # m driven before the devices had been well for long enough (F18)
-    sound: float  # s armed without a fault
+    sound: float  # s without a fault in which it followed, or falsely did not
     following: float  # s
+    stood: float = 0.0  # s of the sound time, falsely
 
 
 def run(job: Job) -> Outcome:
@@ -116,7 +110,7 @@ def run(job: Job) -> Outcome:
         if job.fault == GONE:
             witness.beside = asyncio.ensure_future(armed_by_session(daemon, start))
         if job.fault == "mixed":
-            witness.beside = asyncio.ensure_future(rearm(daemon, rig.truths))
+            witness.beside = asyncio.ensure_future(rearm(daemon, rig))
 
     follow = simulate(config, duration, attach, world=rig)["follow"] or {}
     hurt = [(f.start, f.end + AFTER) for f in faults] or [(duration, duration)]
@@ -124,7 +118,8 @@ def run(job: Job) -> Outcome:
         hurt = [(start, duration)]
     single = job.fault not in ("none", "mixed")
     stopped = witness.stopped(start, start + LENGTH + AFTER) if single else None
-    outcome = _outcome(rig.truths, witness, follow, hurt, start, stopped)
+    falsely = account(rig.truths, witness.decisions, hurt, witness.sight(config))
+    outcome = _outcome(rig.truths, witness, follow, falsely, start, stopped)
     silent = [f for f in faults if f.kind in SILENT and f.device != "ptz"]
     if job.moment != "start-up" or not silent:
         return outcome
@@ -149,19 +144,23 @@ async def armed_by_session(daemon: Daemon, until: float) -> None:
         await clock.sleep(PRESENT)
 
 
-async def rearm(daemon: Daemon, truths: Sequence[Truth]) -> None:
+async def rearm(daemon: Daemon, rig: Rig) -> None:
     """Who stands by: arms again after each stop, and shows the person again to a robot in doubt.
 
-    Knows the person, so nobody else is shown.
+    Knows the person, so nobody else is shown; presses MOTORS where they went off.
     """
     operator, idle = AutoOperator(daemon), 0.0
     while True:
         await clock.sleep(REARM)
-        mode = None if daemon.decision is None else daemon.decision.mode
-        if not daemon.pipeline.modes.confirmed:
+        decision = daemon.decision
+        if decision is None or not daemon.pipeline.modes.confirmed:
             continue
-        idle = idle + REARM if mode in (Mode.IDLE, Mode.HOLDING) else 0.0
-        if idle > GIVEN_UP and _is_ahead(daemon, truths[-1].target):
+        mode = decision.mode
+        is_off = StopReason.MOTORS_OFF in [reason.stop for reason in decision.reasons]
+        if is_off and not rig.base.chassis.motors:
+            rig.base.press_motors_button()
+        idle = idle + REARM if mode in (Mode.IDLE, Mode.HOLDING, Mode.READY) else 0.0
+        if idle > GIVEN_UP and _is_ahead(daemon, rig.truths[-1].target):
             await clock.within(GIVEN_UP, operator.run())
         elif mode in (Mode.DISARMED, Mode.FAULT, Mode.IDLE):
             daemon.act(Action.ARM)
@@ -202,17 +201,26 @@ class Witness:
         self.stops: list[Stop] = []
         self.beside: asyncio.Future[None] | None = None  # what goes on beside the run
         self._baud = baud
+        self._by_camera = False  # and a fixed one
 
     def attach(self, daemon: Daemon) -> None:
         """Look at a daemon."""
         daemon.decision_watchers.append(self.decisions.append)
         daemon.line_watchers.append(self._hear)
         self.stops = daemon.stats.stops
+        self._by_camera = "image" in daemon.pipeline.freshness.newest and daemon.head is None
+
+    def sight(self, config: Config) -> InView:
+        """Whether the tracker's own sensor can show somebody; a head is turned to them."""
+        camera = app.equipment(config).camera
+        if self._by_camera:
+            return lambda actor: is_visible(actor, camera)
+        return lambda actor: actor.in_sight and cos(actor.bearing) > 0.0
 
     def stopped(self, start: float, end: float) -> float | None:
         """When (s) the base was told to stop because something broke after `start`."""
         for decision in self.decisions:
-            if start <= decision.stamp <= end and decision.command.stops and _is_broken(decision):
+            if start <= decision.stamp <= end and decision.command.stops and broken(decision):
                 return self._halted(start, decision.stamp + SLACK)
         # a decision that hangs names nothing
         hangs = self.decisions[-1].command.expires < self.decisions[-1].stamp - 1.0
@@ -236,15 +244,11 @@ def _moves(data: bytes) -> bool:
     return any(p.type in SETPOINTS and any(p.payload[2:]) for p in packets)
 
 
-def _is_broken(decision: Decision) -> bool:
-    return any(r.full_stop and r.stop in BROKEN for r in decision.reasons)
-
-
 def _outcome(
     truths: Sequence[Truth],
     witness: Witness,
     follow: dict[str, Any],
-    hurt: Sequence[tuple[float, float]],
+    falsely: Account,
     start: float,
     stopped: float | None,
 ) -> Outcome:
@@ -254,16 +258,9 @@ def _outcome(
     standstill, distance = (None, None) if stopped is None else _to_standstill(
         truths, start, stopped
     )  # fmt: skip
-    ill = {reason.name.lower() for reason in BROKEN}
-    false = [
-        stop
-        for stop in witness.stops
-        if stop.reason in ill and not any(first <= stop.at <= last for first, last in hurt)
-    ]
     armed = [d for d in witness.decisions if d.mode is Mode.FOLLOWING]
     times = np.array([d.stamp for d in armed])
     steps = np.minimum(np.diff(times), 0.1) if len(times) > 1 else np.zeros(0)
-    sound = [not any(a <= t <= b for a, b in hurt) for t in times[1:]]
     return Outcome(
         moved=moved,
         time_to_stop=None if stopped is None else stopped - start,
@@ -272,14 +269,15 @@ def _outcome(
         collisions=truths[-1].collisions,
         approaches=approaches(truths),
         wrong_follow=follow.get("wrong_follow_m") or 0.0,
-        false_stops=len(false),
+        false_stops=len(falsely.stops),
         unnamed_stops=sum(
             not (stop.reason and stop.device) or stop.time_to_stop is None for stop in witness.stops
         ),
         stops=len(witness.stops),
         too_early=0.0,
-        sound=float(steps[sound].sum()) if len(steps) else 0.0,
+        sound=falsely.sound,
         following=float(steps.sum()),
+        stood=falsely.stood,
     )
 
 

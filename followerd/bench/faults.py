@@ -127,6 +127,7 @@ def _figures(name: str, outcomes: Sequence[Outcome]) -> list[Row]:
     ways = [o.stop_distance for o in moved if o.stop_distance is not None]
     stands = [o.standstill for o in moved if o.standstill is not None]
     hours = sum(o.sound for o in outcomes) / 3600
+    share = 100 * sum(o.stood for o in outcomes) / 3600 / hours if hours else None
     figures: dict[str, tuple[float | None, str]] = {
         f"time_to_stop_{part}_s": (of(times) if times.size else None, "s")
         for part, of in PERCENTILES.items()
@@ -136,6 +137,7 @@ def _figures(name: str, outcomes: Sequence[Outcome]) -> list[Row]:
         "stop_distance_max_m": (max(ways, default=None), "m"),
         "stopped_percent": (100 * times.size / len(moved) if moved else None, "%"),
         "false_stops_per_hour": (_sum(outcomes, "false_stops") / hours if hours else None, "1/h"),
+        "false_stop_percent": (share, "%"),
         "collisions": (_sum(outcomes, "collisions"), ""),
         "approaches": (_sum(outcomes, "approaches"), ""),
         "wrong_follow_m": (_sum(outcomes, "wrong_follow"), "m"),

@@ -13,6 +13,7 @@ from followerd.sim.truth import Truth
 
 ON_PERSON = 0.5  # m; a track within this of a person stands on that person
 WRONG = 1.0  # m; a track on nobody is wrong when its ray passes the target by more
+BODY = 0.25  # m; one on somebody else is, but for a ray that goes through the target's body
 STALE = 0.5  # s; an older track tells nothing about now
 TARGET = 0  # index of the target among the people
 
@@ -37,10 +38,14 @@ class Look:
 
     @property
     def follows_wrongly(self) -> bool:
-        """Whether the robot follows something that is not its person."""
+        """Whether the robot follows something that is not its person.
+
+        A track in the person's direction leads to the person, however far off it takes them to be:
+        the range may be that of whoever passes between.
+        """
         if self.mode is not Mode.FOLLOWING or self.miss is None or self.person == TARGET:
             return False
-        return self.person is not None or self.miss > WRONG
+        return self.miss > (WRONG if self.person is None else BODY)
 
 
 def looks(truths: Sequence[Truth], decisions: Sequence[Decision]) -> list[Look]:

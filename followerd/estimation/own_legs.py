@@ -32,6 +32,10 @@ class OwnLegsSettings(Settings):
     swing_mps: float = Field(
         2.5, gt=0, description="or as fast as a leg swings, where they are few"
     )
+    others_s: float = Field(
+        0.25, ge=0, description="somebody else's legs may go unseen, as when two look like one"
+    )
+    pair_m: float = Field(0.5, gt=0, description="a leg so near somebody else's is theirs, too")
     max_hidden_s: float = Field(
         1.0, ge=0, description="behind somebody's legs the person is foreseen, not looked for"
     )
@@ -59,9 +63,8 @@ class OwnLegs:
         self.hidden = False  # by somebody else's legs, in the newest scan
         self.alone = False  # nobody else's were in reach in the newest scan
         self._own: list[tuple[float, float]] = []  # m in `odom`
-        self._leap = 0.0  # m, that a leg has moved at most since the last scan
-        self._scanned_at = -inf  # s
-        self._others: list[tuple[float, float]] = []  # m in `odom`, not farther than `others_m`
+        # m in `odom`, not farther than `others_m`, with the time (s) when they were last seen
+        self._others: list[tuple[tuple[float, float], float]] = []
 
     @property
     def middle(self) -> tuple[float, float]:
@@ -83,10 +86,13 @@ class OwnLegs:
         others: list[tuple[float, float]] = []
         crowd = 0
         self.hidden = False
-        since, self._scanned_at = clusters.stamp - self._scanned_at, clusters.stamp
-        self._leap = max(s.leap_m, s.swing_mps * min(since, LONGEST_STEP))
-        if clusters.stamp - self.seen_at > s.max_hidden_s:
+        stamp = clusters.stamp
+        if stamp - self.seen_at > s.max_hidden_s:
             self._others = []
+
+        def at(k: int) -> tuple[float, float]:
+            return base.apply_point(*clusters.centre[k].tolist())
+
         for k in clusters.leg_like.nonzero()[0].tolist():
             near = clusters.range.item(k)
             distance = near + s.leg_radius_m
@@ -97,19 +103,21 @@ class OwnLegs:
             off = distance + aside if known is None else hypot(distance - known, aside)
             if off > expected.reach + s.others_m:
                 continue
-            point = base.apply_point(*clusters.centre[k].tolist())
-            if off > expected.reach or self._was_anothers(point, clusters.width.item(k)):
+            point = at(k)
+            if off > expected.reach or self._was_anothers(point, clusters.width.item(k), stamp):
                 others.append(point)
                 crowd += off <= expected.reach
             elif in_cone:
                 fits.append((off, k))
             if known is not None and known - distance > s.before_m and aside < s.hides_m:
-                self.hidden |= not self._are_own(point, clusters.stamp)
-        self._others = others
+                self.hidden |= not self._are_own(point, stamp)
+        late = [place for place, seen in self._others if stamp - seen <= s.others_s]
+        theirs = [k for _, k in fits if self._is_beside(at(k), others + late)]
+        self._remember([*others, *map(at, theirs)], stamp)
         if self.hidden:
             self.alone = False
             return np.empty(0, np.intp)
-        found = np.array([k for _, k in sorted(fits)], np.intp)
+        found = np.array([k for _, k in sorted(fits) if k not in theirs], np.intp)
         if found.size:
             gaps = np.hypot(*(clusters.centre[found] - clusters.centre[found[0]]).T)
             found = found[gaps < s.stride_m][:2]
@@ -127,13 +135,39 @@ class OwnLegs:
         s, since = self.settings, stamp - self.seen_at
         leap = max(s.leap_m, s.swing_mps * min(since, LONGEST_SWING))
         own = min((dist(point, leg) for leg in self._own), default=inf)
-        theirs = min((dist(point, other) for other in self._others), default=inf)
+        theirs = min((dist(point, other) for other, _ in self._others), default=inf)
         return own < min(leap, theirs)
 
-    def _was_anothers(self, point: tuple[float, float], width: float) -> bool:
-        """Whether a leg at `point` in odom was somebody else's in the last scan, or touches one."""
-        theirs = min((dist(point, other) for other in self._others), default=inf)
-        if theirs > self._leap + 0.5 * width:
+    def _was_anothers(self, point: tuple[float, float], width: float, stamp: float) -> bool:
+        """Whether a leg at `point` in odom was somebody else's just before, or touches one."""
+        near = [
+            off
+            for other, seen in self._others
+            if (off := dist(point, other)) <= self._leap(stamp - seen) + 0.5 * width
+        ]
+        if not near:
             return False
         is_several = width > self.settings.leg_width_m
-        return is_several or all(dist(point, own) > theirs for own in self._own)
+        return is_several or all(dist(point, own) > min(near) for own in self._own)
+
+    def _is_beside(self, point: tuple[float, float], others: list[tuple[float, float]]) -> bool:
+        """Whether a leg stands beside somebody else's, and nearer to it than to the person's."""
+        theirs = min((dist(point, other) for other in others), default=inf)
+        if theirs > self.settings.pair_m:
+            return False
+        return all(dist(point, own) > theirs for own in self._own)
+
+    def _remember(self, others: list[tuple[float, float]], stamp: float) -> None:
+        """Whose legs are somebody else's; where one was that is not seen now, it may yet be."""
+        gone = [
+            (place, seen)
+            for place, seen in self._others
+            if stamp - seen <= self.settings.others_s
+            and all(dist(place, other) > self._leap(stamp - seen) for other in others)
+        ]
+        self._others = [(other, stamp) for other in others] + gone
+
+    def _leap(self, since: float) -> float:
+        """How far a leg goes between two scans, m."""
+        s = self.settings
+        return max(s.leap_m, s.swing_mps * min(since, LONGEST_STEP))

@@ -110,8 +110,10 @@ class Trust:
             if self._is_anothers(middle):
                 self.doubt("the camera has somebody who was another before", stamp)
                 self._refute(stamp)
-        if self.given and own:
-            self._others = legs[np.hypot(*(legs - middle).T) > s.others_m]
+        if self.given and own and stamp - self._sure_at <= s.gap_s:
+            off = np.hypot(*(legs - middle).T)
+            passing = (off > s.same_m) & self._were_others(legs)
+            self._others = legs[(off > s.others_m) | passing]
         elif len(self._others) and len(legs):
             self._follow_others(legs)
         if own:
@@ -137,6 +139,12 @@ class Trust:
         """Whether somebody else is known to stand at `place`."""
         apart = np.hypot(*(self._others - place).T)
         return bool((apart < self.settings.same_m).any())
+
+    def _were_others(self, legs: Array) -> npt.NDArray[np.bool_]:
+        """Which of `legs` (K, 2) somebody else has just brought to where they are."""
+        apart = np.hypot(*(legs[:, None] - self._others[None]).transpose(2, 0, 1))
+        were: npt.NDArray[np.bool_] = (apart < self.settings.leap_m).any(axis=1)
+        return were
 
     def _follow_others(self, legs: Array) -> None:
         """Whoever is not the person stays that while walking from scan to scan."""

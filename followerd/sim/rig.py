@@ -78,6 +78,7 @@ class Rig:
             upside_down=equipment.laser_upside_down,
         )
         of = {device: tuple(f for f in faults if f.device == device) for device in DEVICES}
+        self.base = base
         self.robot = Line(base, robot_rng, "robot", faults=of["robot"], mend=p2os.with_checksum)
         self.laser = Line(scanner, laser_rng, "laser", faults=of["laser"], mend=mended_telegram)
         self.head = Vcc50iTwin(  # on since an earlier run

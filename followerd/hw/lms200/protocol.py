@@ -7,6 +7,7 @@ and acknowledges a request by a bare ACK or NAK byte before it answers.
 """
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import IntEnum
 
@@ -145,14 +146,21 @@ class TelegramDecoder:
         return bool(self._buffer)
 
     @property
-    def begun(self) -> bytes:
-        """What is here of the frame that seems begun."""
-        return bytes(self._buffer)
+    def pending(self) -> int:
+        """Bytes here of the frame that seems begun."""
+        return len(self._buffer)
 
-    @property
-    def begun_at(self) -> int:
-        """Where in the stream it begins."""
-        return self._start
+    def beginnings(self, since: int, count: int) -> Iterator[tuple[int, bytes]]:
+        """Offsets in the stream from `since` on where a frame may begin, with its first bytes.
+
+        As far as `count` of them are here. A frame that lost bytes holds the next one's beginning
+        long before it is known to be bad.
+        """
+        last = len(self._buffer) - count
+        at = self._buffer.find(STX, max(0, since - self._start))
+        while 0 <= at <= last:
+            yield self._start + at, bytes(self._buffer[at : at + count])
+            at = self._buffer.find(STX, at + 1)
 
     @property
     def missing(self) -> int:

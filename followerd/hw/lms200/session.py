@@ -43,7 +43,7 @@ class Session:
         self._stream = stream
         self._arrivals = ArrivalTimes(keep=1024)
         self._events: deque[Event] = deque()
-        self._told_of = -1  # offset of the last telegram whose beginning was told
+        self._told_to = 0  # offset in the stream up to which beginnings were told
         self._noise_before = 0  # noise bytes when the last request was sent
 
     @property
@@ -72,18 +72,19 @@ class Session:
         return self._events.popleft()
 
     def _tell(self, begun: Callable[[bytes], None], least: int) -> None:
-        """Of a telegram of which `least` bytes are here, once."""
-        here = self.decoder.begun
-        if len(here) >= least and self.decoder.begun_at != self._told_of:
-            self._told_of = self.decoder.begun_at
-            begun(here)
+        """Of all that may be a telegram's beginning, once `least` bytes of it are here."""
+        for offset, first in self.decoder.beginnings(self._told_to, least):
+            self._told_to = offset + 1
+            begun(first)
 
     def _wanted(self, expected: int, is_told: bool) -> int:
-        """Bytes to wait for."""
+        """Bytes to wait for; who is told of beginnings wants the one in a cut telegram too."""
         if expected == 1 or not self.decoder.is_midway:
             return expected
-        here = len(self.decoder.begun) if is_told else expected
-        return expected - here if here < expected else self.decoder.missing
+        if not is_told:
+            return self.decoder.missing
+        here = self.decoder.pending
+        return expected - here if here < expected else min(self.decoder.missing, CHUNK)
 
     async def request(self, command: int, data: bytes = b"") -> Telegram:
         """Send, repeat when refused by NAK or not acknowledged, and return the answer.

@@ -77,7 +77,7 @@ class Writer:
         self.served: Command | None = None  # the newest command, when the last `due` completed it
         self._command: Command | None = None  # waits to be served
         self._open_until = -inf  # s; -inf = gate closed
-        self._ran_out = False  # a command expired, and none came since
+        self._stopped_itself = False  # a command expired, or the motors are off; none came since
         self._wanted: dict[Channel, bytes] = {}
         self._sent: dict[Channel, tuple[bytes, float]] = {}
         self._stop = HALT
@@ -123,13 +123,13 @@ class Writer:
         wanted = None if command.motion is None else self._setpoints(command.motion)
         if wanted is None:
             self._close(BRAKE if command.emergency else HALT)
-            # what was stopped because it expired is stopped already: said with the stop's decision
-            self._command = command if self._stop_due <= now or self._ran_out else None
+            # what stopped by itself is stopped already: said with the stop's decision
+            self._command = command if self._stop_due <= now or self._stopped_itself else None
         elif command.expires > now and self._status is not None and self._status.motors:
             if was_late:
                 # the firmware may have stopped meanwhile and would go on with old setpoints
                 self._urgent += HALT
-            self._open_until, self._ran_out = command.expires, False
+            self._open_until, self._stopped_itself = command.expires, False
             self._wanted = wanted
             self._forget_other_mode()
             self._command = command if any(self._changed(wanted)) else None
@@ -156,6 +156,7 @@ class Writer:
         if self.is_open:
             if not status.motors:
                 self._close(HALT)
+                self._command, self._stopped_itself = None, True
         elif not status.standing:
             self._stop_due = min(self._stop_due, self._last_stop + REPEAT)
         elif self._stops >= STOPS_TO_SETTLE and status.stamp >= self._shows_from:
@@ -183,12 +184,12 @@ class Writer:
         elif self.is_settled:
             data += self._waiting_due() or self._relayed_due(0)
         self._tokens -= len(data)
-        stopped = self._ran_out and self._command is not None
+        stopped = self._stopped_itself and self._command is not None
         done = stopped or (bool(data) and not (self.is_open and any(self._changed(self._wanted))))
         self.served = self._command if done else None
         if done:
             self._command = None
-            self._ran_out = self._ran_out and not stopped
+            self._stopped_itself = self._stopped_itself and not stopped
         return data
 
     def wake_at(self, now: float) -> float:
@@ -213,7 +214,7 @@ class Writer:
         expired = self.is_open and now >= self._open_until - EPSILON
         if expired:
             self._close(HALT)
-            self._command, self._ran_out = None, True
+            self._command, self._stopped_itself = None, True
         return expired
 
     def _close(self, stop: bytes) -> None:

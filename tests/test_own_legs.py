@@ -1,0 +1,32 @@
+"""Whose legs are whose: who comes in from outside stays somebody else, seen or not (F8)."""
+
+import numpy as np
+import pytest
+
+from followerd.estimation.own_legs import Expected, OwnLegs, OwnLegsSettings
+from followerd.geometry import Pose2
+from followerd.perception.clusters import ClusterSettings, find_clusters
+from tests.test_trust import person, scan
+
+THERE = 4.4, 0.0  # m, where the person stands
+
+
+@pytest.mark.parametrize("before", [0.5, 0.7])
+@pytest.mark.parametrize("unseen", [1, 2])
+@pytest.mark.parametrize("hurry", [0.1, 0.14])
+def test_who_crosses_and_looks_like_no_leg_for_a_moment_stays_somebody_else(
+    before: float, unseen: int, hurry: float
+) -> None:
+    legs, expected = OwnLegs(OwnLegsSettings()), Expected(0.0, THERE[0], 0.9)
+    passer = THERE[0] - before
+    for k, y in enumerate(np.arange(1.6, -1.2, -hurry)):
+        legs_seen = person(passer, y)
+        if k % 4 >= 4 - unseen and y < 0.9:
+            legs_seen = ()
+        elif k % 4 == 1:
+            legs_seen = legs_seen[:1]
+        own = person(*THERE) if abs(y) > 0.45 else ()  # far off a leg falls between two beams
+        one = scan(0.107 * k, *own, *legs_seen)
+        clusters = find_clusters(one, one.points(), ClusterSettings())
+        found = legs.find(clusters, Pose2(), expected)
+        assert (np.hypot(*(clusters.centre[found] - THERE).T) < 0.3).all(), f"at y = {y:.2f}"
