@@ -6,6 +6,7 @@ from math import cos, pi, sin
 import numpy as np
 import pytest
 
+from followerd.control.mode import ModeSettings
 from followerd.errors import UsageError
 from followerd.estimation.walker import Walker, WalkerSettings
 from followerd.geometry import Array, Camera, Pose2
@@ -158,6 +159,20 @@ def test_long_after_only_who_steps_up_is_the_person() -> None:
     stage.stamp += 30.0
     assert stage.shows_for(3.0, legs((2.0, 0.0), 0.0)).phase is TrackPhase.LOST
     assert stage.shows_for(0.8, legs((0.85, 0.1), 0.0)).phase is TrackPhase.CONFIRMED
+
+
+@pytest.mark.parametrize(("later", "at"), [(4.0, (2.0, 0.0)), (30.0, (0.85, 0.1))])
+def test_who_stepped_up_may_be_anybody_and_is_not_followed_until_enrolled(
+    later: float, at: tuple[float, float]
+) -> None:
+    """FAILSAFES F9: nobody else is ever adopted; back soon, they are still themselves."""
+    least, stage = ModeSettings().min_confidence, gone()
+    stage.stamp += later
+    assert stage.shows_for(3.0, legs(at, 0.0)).confidence < least
+    assert stage.shows_for(3.0, legs(at, 0.0)).phase is TrackPhase.CONFIRMED
+    assert gone().shows_for(3.0, legs((2.0, 0.0), 0.0)).confidence > 0.9
+    stage.enrol(at)
+    assert stage.shows_for(2.0, legs(at, 0.0)).confidence > least
 
 
 @pytest.mark.parametrize("later", [4.0, 30.0])

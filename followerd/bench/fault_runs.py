@@ -270,15 +270,19 @@ def _outcome(
         approaches=approaches(truths),
         wrong_follow=follow.get("wrong_follow_m") or 0.0,
         false_stops=len(falsely.stops),
-        unnamed_stops=sum(
-            not (stop.reason and stop.device) or stop.time_to_stop is None for stop in witness.stops
-        ),
+        unnamed_stops=sum(not _is_told(stop) for stop in witness.stops),
         stops=len(witness.stops),
         too_early=0.0,
         sound=falsely.sound,
         following=float(steps.sum()),
         stood=falsely.stood,
     )
+
+
+def _is_told(stop: Stop) -> bool:
+    """Whether a stop says why, by which device, and when; over a lost link nothing is said."""
+    timed = stop.time_to_stop is not None or stop.reason == StopReason.LINK_LOST.name.lower()
+    return bool(stop.reason and stop.device) and timed
 
 
 def _to_standstill(
