@@ -42,7 +42,7 @@ class Stage:
         self.state: TrackState | None = None
 
     def enrol(self, at: tuple[float, float], ego: Pose2 | None = None) -> TrackState:
-        scan = scan_of(legs(at, 0.0), step_deg=self.step_deg, rng=self.rng)
+        scan = scan_of(legs(at, 0.0), self.stamp, step_deg=self.step_deg, rng=self.rng)
         self.state = self.tracker.enrol(scan, at, ego)
         return self.state
 
@@ -173,6 +173,16 @@ def test_who_stepped_up_may_be_anybody_and_is_not_followed_until_enrolled(
     assert gone().shows_for(3.0, legs((2.0, 0.0), 0.0)).confidence > 0.9
     stage.enrol(at)
     assert stage.shows_for(2.0, legs(at, 0.0)).confidence > least
+
+
+def test_who_stands_near_when_it_looks_again_after_a_while_is_not_the_person() -> None:
+    """Without odometry a robot may have been blind for seconds."""
+    stage = Stage()
+    stage.enrol((1.6, -0.2))
+    stage.shows_for(2.0, legs((1.6, -0.2), 0.0))
+    stage.stamp += 5.0
+    two = np.concatenate([legs((1.1, -1.4), 0.0), legs((3.6, -0.4), 0.0)])
+    assert stage.shows_for(3.0, two).confidence < ModeSettings().min_confidence
 
 
 @pytest.mark.parametrize("later", [4.0, 30.0])

@@ -110,7 +110,10 @@ class Legs:
             return None
         if not self._in_odom:
             ego = None
-        dt = min(measurement.stamp - self._stamp, LONGEST_GAP)
+        gap = measurement.stamp - self._stamp
+        if self._comeback is None and gap > self.settings.lost_after_s:
+            self._lose(self._stamp)  # whoever stands there now came unseen
+        dt = min(gap, LONGEST_GAP)
         self._stamp = measurement.stamp
         people = find_people(measurement, self.settings.detector)
         people = people.without(self._thin(measurement, people, dt))
@@ -164,8 +167,11 @@ class Legs:
             self._phase = TrackPhase.OCCLUDED
         self._judge(people, position, dt)
         if self._unseen > s.lost_after_s - 0.01:
-            self._phase, self._confidence = TrackPhase.LOST, 0.0
-            self._comeback = Comeback(self._last, people.stamp - self._unseen, s.comeback)
+            self._lose(people.stamp - self._unseen)
+
+    def _lose(self, since: float) -> None:
+        self._phase, self._confidence = TrackPhase.LOST, 0.0
+        self._comeback = Comeback(self._last, since, self.settings.comeback)
 
     def _judge(self, people: People, position: Array, dt: float) -> None:
         """Follow confidence: full on two legs, less on one, none unseen."""
