@@ -168,11 +168,12 @@ def test_who_stepped_up_may_be_anybody_and_is_not_followed_until_enrolled(
     """FAILSAFES F9: nobody else is ever adopted; back soon, they are still themselves."""
     least, stage = ModeSettings().min_confidence, gone()
     stage.stamp += later
-    assert stage.shows_for(3.0, legs(at, 0.0)).confidence < least
-    assert stage.shows_for(3.0, legs(at, 0.0)).phase is TrackPhase.CONFIRMED
-    assert gone().shows_for(3.0, legs((2.0, 0.0), 0.0)).confidence > 0.9
+    back = stage.shows_for(1.0, legs(at, 0.0))
+    assert back.phase is TrackPhase.CONFIRMED
+    assert back.confidence < least
+    assert gone().shows_for(1.0, legs((2.0, 0.0), 0.0)).confidence > least
     stage.enrol(at)
-    assert stage.shows_for(2.0, legs(at, 0.0)).confidence > least
+    assert stage.shows_for(0.5, legs(at, 0.0)).confidence > least
 
 
 def test_who_stands_near_when_it_looks_again_after_a_while_is_not_the_person() -> None:
@@ -182,7 +183,7 @@ def test_who_stands_near_when_it_looks_again_after_a_while_is_not_the_person() -
     stage.shows_for(2.0, legs((1.6, -0.2), 0.0))
     stage.stamp += 5.0
     two = np.concatenate([legs((1.1, -1.4), 0.0), legs((3.6, -0.4), 0.0)])
-    assert stage.shows_for(3.0, two).confidence < ModeSettings().min_confidence
+    assert stage.shows_for(1.0, two).confidence < ModeSettings().min_confidence
 
 
 @pytest.mark.parametrize("later", [4.0, 30.0])

@@ -244,7 +244,8 @@ class Association:
             aside = abs(hypot(x, y) * sin(self._sight - atan2(y, x)))
         is_past = aside > self.settings.trust.others_m
         self._looked_past_at = min(self._looked_past_at, stamp) if is_past else inf
-        if stamp - self._looked_past_at > self.settings.trust.past_s:
+        for_long = stamp - self._looked_past_at > self.settings.trust.past_s
+        if for_long or (is_past and self.trust.is_on_another(base, self._sight)):
             self.trust.doubt("the camera looks past the person", stamp)
         return aside
 
