@@ -83,7 +83,7 @@ class Trust:
             self.place, self._sure_at, self._against = place, stamp, 0.0
 
     def is_on_another(self, base: Pose2, sight: float) -> bool:
-        """Whether the camera, looking along `sight` in `odom`, has somebody else's legs before it."""
+        """Whether somebody else's legs are where the camera looks, along `sight` in `odom`."""
         x, y = (self._others - (base.x, base.y)).T
         ahead, aside = x * cos(sight) + y * sin(sight), y * cos(sight) - x * sin(sight)
         return bool(((ahead > 0.0) & (np.abs(aside) < self.settings.same_m)).any())
