@@ -207,6 +207,18 @@ def test_a_box_that_creeps_away_does_not_take_the_person_from_their_legs(rate: f
     assert association.claimed
 
 
+@pytest.mark.parametrize(("aside", "theirs"), [(0.1, True), (0.5, False)])
+def test_legs_beside_where_the_camera_looks_are_not_known_for_the_persons(
+    aside: float, theirs: bool
+) -> None:
+    association = Association()
+    for k in range(20):
+        stamp = 0.1 * k
+        association.see(track(stamp, 2.0, 0.0), HERE)
+        association.scan(clusters(stamp, (2.0, aside + 0.1), (2.0, aside - 0.1)), HERE)
+    assert association.vouches(1.9) is theirs
+
+
 def test_forgetting_leaves_nothing() -> None:
     association = Association()
     association.see(track(1.0, 2.0, 0.0), HERE)

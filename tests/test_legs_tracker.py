@@ -6,6 +6,7 @@ from math import cos, pi, sin
 import numpy as np
 import pytest
 
+from followerd.control.mode import ModeSettings
 from followerd.errors import UsageError
 from followerd.estimation.walker import Walker, WalkerSettings
 from followerd.geometry import Array, Camera, Pose2
@@ -41,7 +42,7 @@ class Stage:
         self.state: TrackState | None = None
 
     def enrol(self, at: tuple[float, float], ego: Pose2 | None = None) -> TrackState:
-        scan = scan_of(legs(at, 0.0), step_deg=self.step_deg, rng=self.rng)
+        scan = scan_of(legs(at, 0.0), self.stamp, step_deg=self.step_deg, rng=self.rng)
         self.state = self.tracker.enrol(scan, at, ego)
         return self.state
 
@@ -158,6 +159,31 @@ def test_long_after_only_who_steps_up_is_the_person() -> None:
     stage.stamp += 30.0
     assert stage.shows_for(3.0, legs((2.0, 0.0), 0.0)).phase is TrackPhase.LOST
     assert stage.shows_for(0.8, legs((0.85, 0.1), 0.0)).phase is TrackPhase.CONFIRMED
+
+
+@pytest.mark.parametrize(("later", "at"), [(4.0, (2.0, 0.0)), (30.0, (0.85, 0.1))])
+def test_who_stepped_up_may_be_anybody_and_is_not_followed_until_enrolled(
+    later: float, at: tuple[float, float]
+) -> None:
+    """FAILSAFES F9: nobody else is ever adopted; back soon, they are still themselves."""
+    least, stage = ModeSettings().min_confidence, gone()
+    stage.stamp += later
+    back = stage.shows_for(1.0, legs(at, 0.0))
+    assert back.phase is TrackPhase.CONFIRMED
+    assert back.confidence < least
+    assert gone().shows_for(1.0, legs((2.0, 0.0), 0.0)).confidence > least
+    stage.enrol(at)
+    assert stage.shows_for(0.5, legs(at, 0.0)).confidence > least
+
+
+def test_who_stands_near_when_it_looks_again_after_a_while_is_not_the_person() -> None:
+    """Without odometry a robot may have been blind for seconds."""
+    stage = Stage()
+    stage.enrol((1.6, -0.2))
+    stage.shows_for(2.0, legs((1.6, -0.2), 0.0))
+    stage.stamp += 5.0
+    two = np.concatenate([legs((1.1, -1.4), 0.0), legs((3.6, -0.4), 0.0)])
+    assert stage.shows_for(1.0, two).confidence < ModeSettings().min_confidence
 
 
 @pytest.mark.parametrize("later", [4.0, 30.0])

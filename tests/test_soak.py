@@ -114,20 +114,11 @@ def _agrees(ranges: Array, meant: Array) -> bool:
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize(
-    ("laser", "minutes", "rate", "stopping"), [(RS232, 10, 9.3, 0.03), (RS422, 2, 37.0, 0.0)]
-)
-def test_one_corrupted_telegram_in_a_hundred_hardly_stops_the_robot_and_never_misleads_it(
-    laser: dict[str, float],
-    minutes: int,
-    rate: float,
-    stopping: float,
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize(("laser", "minutes", "rate"), [(RS232, 10, 9.3), (RS422, 2, 37.0)])
+def test_one_corrupted_telegram_in_a_hundred_neither_stops_the_robot_nor_misleads_it(
+    laser: dict[str, float], minutes: int, rate: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Two scans lost in a row are no false stop: F2 asks for it where scans come slowly.
-
-    Nor can the robot know, there, that one comes whose beginning the damaged one has swallowed.
-    """
+    """Two scans lost in a row are no false stop: F2 asks for it where scans come slowly."""
     logs.configure("error")
     witness = Witness(monkeypatch)
     config = load("hpf-sim", {"seed": 4, **laser, **CAMERA})
@@ -146,9 +137,7 @@ def test_one_corrupted_telegram_in_a_hundred_hardly_stops_the_robot_and_never_mi
         f" wrong {len(witness.wrong)}\n"
     )
     assert not witness.wrong, witness.wrong[:5]
-    times = np.array([float(stop.split()[0]) for stop in witness.stops])
-    stops = np.count_nonzero(np.diff(times, prepend=-1.0) > 0.2)
-    assert stops <= stopping * witness.hurt, witness.stops[:5]
+    assert not witness.stops, witness.stops[:5]
     assert witness.hurt > 0.008 * (witness.scans + witness.odometry)
     assert witness.scans > 0.95 * seconds * rate
     assert figures["mode_s"]["following"] > 0.95 * seconds

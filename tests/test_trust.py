@@ -158,6 +158,16 @@ def test_somebody_known_as_another_stays_that_beside_the_person() -> None:
     assert not trust.given
 
 
+def test_a_camera_that_leaps_to_somebody_known_is_doubted_at_once() -> None:
+    """While the person was out of the laser's sight their place is not known so well."""
+    run = Run()
+    run.go(1.0, (3.0, 0.5), *person(3.0, 0.5), *person(3.2, -0.8))
+    run.go(0.4, (3.0, 0.5), *person(3.2, -0.8), phase=TrackPhase.OCCLUDED)
+    run.go(0.1, (3.2, -0.8), *person(3.2, -0.8))
+    assert not run.association.trust.given
+    assert run.go(1.0, (3.2, -0.8), *person(3.2, -0.8)) is TrackPhase.TENTATIVE
+
+
 def test_a_person_lost_and_found_is_believed_again_with_their_legs() -> None:
     run = followed()
     assert run.go(1.0, (2.0, 0.0), phase=TrackPhase.LOST) is TrackPhase.LOST

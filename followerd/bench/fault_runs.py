@@ -4,34 +4,30 @@ import asyncio
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import cos, dist, hypot, sin
+from math import cos, hypot
 from typing import Any
 
 import cv2
 import numpy as np
 
-from followerd import app, clock
+from followerd import app
+from followerd.bench.bystander import armed_by_session, rearm
 from followerd.bench.closed_loop import simulate
 from followerd.bench.false_stops import Account, InView, account, broken
 from followerd.bench.metrics import is_visible
 from followerd.config import Config, load
-from followerd.control.transitions import Action
-from followerd.events import Presence
 from followerd.hw.p2os.commands import Cmd
 from followerd.hw.p2os.protocol import PacketDecoder
 from followerd.hw.p2os.writer import BRAKE, HALT
 from followerd.messages import Decision, Mode, StopReason
 from followerd.runtime import logs
-from followerd.runtime.auto_operator import AutoOperator, person_ahead
 from followerd.runtime.daemon import Daemon
 from followerd.runtime.stats import Stop
 from followerd.sim.faults import Fault, FaultKind
-from followerd.sim.rig import Rig
-from followerd.sim.truth import Actor, Truth
+from followerd.sim.truth import Truth
 
 HUNG = "decisions:stuck"  # not a device: the pipeline decides nothing new (F1)
 GONE = "operator:off"  # nor is this: the session that armed is heard of no more (F14)
-SESSION = "page"
 CONFIG = {"record.raw_bytes": True}
 SETPOINTS = (Cmd.VEL, Cmd.RVEL, Cmd.HEAD, Cmd.DHEAD, Cmd.VEL2)
 SLOWEST = {"laser.baud": 38400, "laser.resolution_deg": 1}  # that F2 allows; trackers of images
@@ -49,10 +45,6 @@ NEAR, FAST = 0.45, 0.1  # m, m/s: nearer and faster is an approach
 MOVES = 0.05  # m/s or rad/s
 STANDS = 0.01  # the same
 SLACK = 0.06  # s from a decision to its stop's last byte, what was under way included
-PRESENT = 0.2  # s between the signs of a session
-REARM = 2.0  # s between the looks of who arms again
-GIVEN_UP = 4.0  # s that it does not follow, before the person is shown again
-SHOWN = 0.5  # m, from the person: who is shown is them
 SILENT = frozenset({FaultKind.OFF, FaultKind.DISCONNECT, FaultKind.REBOOT})  # surely nothing new
 FRESH = 2.0  # s after those, before anything may move
 
@@ -131,49 +123,6 @@ def hang(daemon: Daemon) -> None:
     last = daemon.decision
     assert last is not None
     vars(daemon.pipeline)["step"] = lambda _event, now: replace(last, stamp=now)
-
-
-async def armed_by_session(daemon: Daemon, until: float) -> None:
-    """An operator's page that arms, says that it is there, and after `until` is silent."""
-    while daemon.pipeline.modes.mode is not Mode.FOLLOWING:
-        await clock.sleep(PRESENT)
-    daemon.act(Action.DISARM)
-    daemon.act(Action.ARM, SESSION)
-    while clock.now() < until:
-        daemon.handle(Presence(SESSION))
-        await clock.sleep(PRESENT)
-
-
-async def rearm(daemon: Daemon, rig: Rig) -> None:
-    """Who stands by: arms again after each stop, and shows the person again to a robot in doubt.
-
-    Knows the person, so nobody else is shown; presses MOTORS where they went off.
-    """
-    operator, idle = AutoOperator(daemon), 0.0
-    while True:
-        await clock.sleep(REARM)
-        decision = daemon.decision
-        if decision is None or not daemon.pipeline.modes.confirmed:
-            continue
-        mode = decision.mode
-        is_off = StopReason.MOTORS_OFF in [reason.stop for reason in decision.reasons]
-        if is_off and not rig.base.chassis.motors:
-            rig.base.press_motors_button()
-        idle = idle + REARM if mode in (Mode.IDLE, Mode.HOLDING, Mode.READY) else 0.0
-        if idle > GIVEN_UP and _is_ahead(daemon, rig.truths[-1].target):
-            await clock.within(GIVEN_UP, operator.run())
-        elif mode in (Mode.DISARMED, Mode.FAULT, Mode.IDLE):
-            daemon.act(Action.ARM)
-
-
-def _is_ahead(daemon: Daemon, target: Actor) -> bool:
-    """Whether whoever stands before the robot is the person."""
-    view, image = daemon.pipeline.view, daemon.vision.newest
-    found = None if view is None or image is None else person_ahead(view.scan, image.camera)
-    if found is None:
-        return False
-    there = target.distance * cos(target.bearing), target.distance * sin(target.bearing)
-    return dist(found, there) < SHOWN
 
 
 def _faults(name: str, start: float, duration: float, rng: np.random.Generator) -> list[Fault]:
@@ -270,15 +219,19 @@ def _outcome(
         approaches=approaches(truths),
         wrong_follow=follow.get("wrong_follow_m") or 0.0,
         false_stops=len(falsely.stops),
-        unnamed_stops=sum(
-            not (stop.reason and stop.device) or stop.time_to_stop is None for stop in witness.stops
-        ),
+        unnamed_stops=sum(not _is_told(stop) for stop in witness.stops),
         stops=len(witness.stops),
         too_early=0.0,
         sound=falsely.sound,
         following=float(steps.sum()),
         stood=falsely.stood,
     )
+
+
+def _is_told(stop: Stop) -> bool:
+    """Whether a stop says why, by which device, and when; over a lost link nothing is said."""
+    timed = stop.time_to_stop is not None or stop.reason == StopReason.LINK_LOST.name.lower()
+    return bool(stop.reason and stop.device) and timed
 
 
 def _to_standstill(

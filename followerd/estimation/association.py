@@ -97,13 +97,14 @@ class Association:
         if self._legs.is_hidden(stamp):
             return  # the box is as likely on whoever stands before the person
         has_legs = stamp - self._legs.seen_at < s.max_track_age_s
-        self._compare(base, stamp, has_legs=has_legs)
+        aside = self._compare(base, stamp, has_legs=has_legs)
         seen = self._seen(base, stamp, track.range, sigma)
         if has_legs:  # a box's place errs for seconds on end, a leap still tells
             doubtful, gate = s.beside_legs * seen.bearing_sigma, s.beside_gate
             seen = replace(seen, bearing_sigma=doubtful, sigma=sigma / gate, gate=gate)
         fits = self._filter.measure(seen)
-        if fits and has_legs and track.phase is TrackPhase.CONFIRMED:
+        is_theirs = fits and has_legs and aside < s.trust.same_m
+        if is_theirs and track.phase is TrackPhase.CONFIRMED:
             self._tied_at, self._confidence = stamp, track.confidence
             self.trust.agree(self._legs.middle, stamp)
 
@@ -232,8 +233,9 @@ class Association:
             claim = (*person.seen_from(base), person.sigma)
         self.trust.scan(clusters, points, base, claim, legs)
 
-    def _compare(self, base: Pose2, stamp: float, *, has_legs: bool) -> None:
-        """A camera that looks past the person's place sees somebody else."""
+    def _compare(self, base: Pose2, stamp: float, *, has_legs: bool) -> float:
+        """How far past the person's place the camera looks, m; who looks well past it sees
+        somebody else."""
         person = self.person(stamp)
         place = self._legs.middle if has_legs else None if person is None else person.position
         aside = 0.0
@@ -242,8 +244,10 @@ class Association:
             aside = abs(hypot(x, y) * sin(self._sight - atan2(y, x)))
         is_past = aside > self.settings.trust.others_m
         self._looked_past_at = min(self._looked_past_at, stamp) if is_past else inf
-        if stamp - self._looked_past_at > self.settings.trust.past_s:
+        for_long = stamp - self._looked_past_at > self.settings.trust.past_s
+        if for_long or (is_past and self.trust.is_on_another(base, self._sight)):
             self.trust.doubt("the camera looks past the person", stamp)
+        return aside
 
     def _looks_past(self, track: TrackState) -> bool:
         return track.phase is TrackPhase.CONFIRMED and self._looked_past_at < inf

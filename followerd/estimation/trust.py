@@ -82,6 +82,12 @@ class Trust:
             self.given, self.why = True, ""
             self.place, self._sure_at, self._against = place, stamp, 0.0
 
+    def is_on_another(self, base: Pose2, sight: float) -> bool:
+        """Whether somebody else's legs are where the camera looks, along `sight` in `odom`."""
+        x, y = (self._others - (base.x, base.y)).T
+        ahead, aside = x * cos(sight) + y * sin(sight), y * cos(sight) - x * sin(sight)
+        return bool(((ahead > 0.0) & (np.abs(aside) < self.settings.same_m)).any())
+
     def reach(self, stamp: float) -> float:
         """How far the person can be from `place` by now, m."""
         return self.settings.slack_m + self.settings.walk_mps * max(0.0, stamp - self._sure_at)

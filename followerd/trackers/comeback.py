@@ -18,6 +18,7 @@ from followerd.settings import Settings
 Mask = npt.NDArray[np.bool_]
 
 TWO = 0.2  # m, a wider cluster is more than one leg
+STRANGER = 0.3  # confidence that who stepped up is the enrolled person: shown, not followed
 
 
 class ComebackSettings(Settings):
@@ -70,6 +71,11 @@ class Comeback:
         self._lost = stamp  # s, when the person was seen last
         self._stamp = stamp
         self._contenders: list[Contender] = []
+
+    @property
+    def is_late(self) -> bool:
+        """Whether whoever comes now is taken for stepping up alone, and may be anybody."""
+        return self._stamp - self._lost >= self.settings.soon_s
 
     def step(
         self, people: People, position: Array, in_laser: Array, beam: float, known: Mask

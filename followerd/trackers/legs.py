@@ -17,7 +17,7 @@ from followerd.messages import Box, Image, Odometry, Place, Scan, TrackPhase, Tr
 from followerd.perception.background import Background, BackgroundSettings
 from followerd.perception.legs import LegSettings, People, find_people, speckle
 from followerd.settings import Settings
-from followerd.trackers.comeback import Comeback, ComebackSettings
+from followerd.trackers.comeback import STRANGER, Comeback, ComebackSettings
 
 Mask = npt.NDArray[np.bool_]
 
@@ -63,6 +63,7 @@ class Legs:
         self._bystanders = Bystanders(self.settings.bystanders)
         self._background = Background(self.settings.background)
         self._comeback: Comeback | None = None  # while the person is lost
+        self._stepped_up = False  # who is followed since: it may be anybody
         self._in_odom = False
         self._stamp = 0.0  # s
         self._last: Array = np.zeros(2)  # where the person was seen last
@@ -109,7 +110,10 @@ class Legs:
             return None
         if not self._in_odom:
             ego = None
-        dt = min(measurement.stamp - self._stamp, LONGEST_GAP)
+        gap = measurement.stamp - self._stamp
+        if self._comeback is None and gap > self.settings.lost_after_s:
+            self._lose(self._stamp)  # whoever stands there now came unseen
+        dt = min(gap, LONGEST_GAP)
         self._stamp = measurement.stamp
         people = find_people(measurement, self.settings.detector)
         people = people.without(self._thin(measurement, people, dt))
@@ -163,8 +167,11 @@ class Legs:
             self._phase = TrackPhase.OCCLUDED
         self._judge(people, position, dt)
         if self._unseen > s.lost_after_s - 0.01:
-            self._phase, self._confidence = TrackPhase.LOST, 0.0
-            self._comeback = Comeback(self._last, people.stamp - self._unseen, s.comeback)
+            self._lose(people.stamp - self._unseen)
+
+    def _lose(self, since: float) -> None:
+        self._phase, self._confidence = TrackPhase.LOST, 0.0
+        self._comeback = Comeback(self._last, since, self.settings.comeback)
 
     def _judge(self, people: People, position: Array, dt: float) -> None:
         """Follow confidence: full on two legs, less on one, none unseen."""
@@ -188,6 +195,7 @@ class Legs:
         back = comeback.step(people, position, in_laser, scan.angle_increment, trust < 1.0)
         if back is not None:
             walker.place(back)
+            self._stepped_up |= comeback.is_late
             self._comeback, self._unseen, self._last = None, 0.0, back
             self._phase, self._confidence = TrackPhase.TENTATIVE, 0.5
 
@@ -199,7 +207,7 @@ class Legs:
         return TrackState(
             scan.stamp,
             self._phase,
-            self._confidence,
+            min(self._confidence, STRANGER) if self._stepped_up else self._confidence,
             bearing=atan2(by, bx),
             range=hypot(bx, by),
             range_sigma=walker.spread,

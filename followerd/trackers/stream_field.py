@@ -33,7 +33,7 @@ from followerd.perception.foreground import ForegroundSettings, foreground
 from followerd.perception.legs import LegSettings, People, find_people
 from followerd.settings import Settings
 from followerd.trackers.beliefs import Builder, Profile, builder
-from followerd.trackers.comeback import Comeback, ComebackSettings
+from followerd.trackers.comeback import STRANGER, Comeback, ComebackSettings
 from followerd.trackers.sweeps import sweep_of
 
 Mask = npt.NDArray[np.bool_]
@@ -98,6 +98,7 @@ class StreamFieldTracker:
         self._bystanders = Bystanders(self.settings.bystanders)
         self._background = Background(self.settings.background)
         self._comeback: Comeback | None = None  # while the person is lost
+        self._stepped_up = False  # who is followed since: it may be anybody
         self._stamp = 0.0  # s
         self._last = 0j  # where the person was seen last, in `map`
         self._velocity = 0j  # m/s, in `map`
@@ -259,6 +260,7 @@ class StreamFieldTracker:
         if back is not None:
             self._last = complex(*back.tolist())
             pursuit.start(self._last, scan.stamp)
+            self._stepped_up |= comeback.is_late
             self._comeback, self._before, self._velocity = None, None, 0j
             self._unsure_until = scan.stamp + self.settings.unsure_s
 
@@ -281,10 +283,11 @@ class StreamFieldTracker:
         bx, by = (~ego).apply_point(x, y)
         cloud = getattr(self._pursuit and self._pursuit.belief, "cloud", None)
         drawn = None if cloud is None else np.column_stack([cloud.z.real, cloud.z.imag])
+        sure = exp(-estimate.unseen_for / self.settings.confidence_s)
         return TrackState(
             estimate.stamp,
             phase,
-            exp(-estimate.unseen_for / self.settings.confidence_s),
+            min(sure, STRANGER) if self._stepped_up else sure,
             bearing=atan2(by, bx),
             range=hypot(bx, by),
             range_sigma=estimate.spread,
