@@ -5,8 +5,9 @@ from math import pi
 
 import pytest
 
-from followerd.bench.fault_runs import GONE, HUNG, MOMENTS, Job, Outcome, approaches, run
+from followerd.bench.fault_runs import GONE, MOMENTS, Job, Outcome, approaches, run
 from followerd.bench.faults import DEVICES, plan, rows
+from followerd.bench.mishaps import HUNG, MISHAPS
 from followerd.geometry import Pose2
 from followerd.messages import Twist
 from followerd.sim.faults import FaultKind
@@ -24,6 +25,11 @@ STOPPED = Outcome(
     unnamed_stops=0,
     stops=2,
     too_early=0.0,
+    resumed=0.0,
+    fastest=0.5,
+    toward_person=0.0,
+    toward_others=0.2,
+    stood=0.0,
     sound=1800.0,
     following=1900.0,
 )
@@ -39,7 +45,11 @@ def test_figures_stand_by_failsafe_and_by_fault() -> None:
     ]
     found = {(row.scenario, row.metric): row.value for row in rows(runs)}
     names = list(dict.fromkeys(name for name, _ in found))
-    assert names == ["F1", "F2", "F7", "F10", "F19", HUNG, "laser:flip", "laser:off"]
+    bounds = ["F10", "F11", "F12", "F19"]
+    assert names == ["F1", "F2", "F7", *bounds, HUNG, "laser:flip", "laser:off"]
+    assert found["F2", "time_to_stop_max_s"] is None  # a bit that turns leaves some scans fresh
+    assert found["F12", "fastest_max_mps"] == 0.5
+    assert found["F11", "toward_person_max_mps"] == 0.0
     assert found["F1", "time_to_stop_max_s"] == 0.2
     assert found["laser:flip", "time_to_stop_p50_s"] == 0.4
     assert found["laser:flip", "stopped_percent"] == 50.0
@@ -63,6 +73,7 @@ def test_the_plan_has_every_fault_of_every_device_at_every_moment() -> None:
     jobs = plan(1, quick=False)
     faults = {job.fault for job in jobs}
     assert {f"{device}:{kind.value}" for device in DEVICES for kind in FaultKind} <= faults
+    assert faults >= MISHAPS.keys()
     laser = [job for job in jobs if job.fault == "laser:stuck"]
     assert {job.moment for job in laser} == set(MOMENTS) - {"start-up"}
     early = {job.fault for job in jobs if job.moment == "start-up"}
@@ -79,7 +90,8 @@ def test_a_fault_while_it_starts_up_and_the_identity_have_rows_of_their_own() ->
     ]
     found = {(row.scenario, row.metric): row.value for row in rows(runs)}
     names = list(dict.fromkeys(name for name, _ in found))
-    assert names == ["F9", "F10", "F14", "F18", "F19", "mixed", "mixed:legs", GONE]
+    numbers = ["F9", "F10", "F11", "F12", "F14", "F18", "F19"]
+    assert names == [*numbers, "mixed", "mixed:legs", GONE]
     assert found["F18", "too_early_m"] == 0.3
     assert found["F9", "wrong_follow_m"] == found["mixed:legs", "wrong_follow_m"] == 0.5
     assert found["F14", "time_to_stop_max_s"] == 0.9

@@ -107,3 +107,44 @@ def test_no_report_is_no_turn() -> None:
 
 def test_a_turn_by_nothing_that_is_too_fast_becomes_a_speed() -> None:
     assert bench().check(TurnBy(0.0, 2.0)).motion == Twist(0.7, 0.0)
+
+
+BESIDE = (0.2, 0.27)  # m, a post that leaves room to turn left at 7 degrees/s
+
+
+def test_a_standing_robot_does_not_creep_into_the_margin_of_its_turn() -> None:
+    b = bench().sees(post(*BESIDE))
+    command = b.guard.check(Twist(0.0, 0.9), b.situation, NOW)
+    assert command.stops
+    assert kinds(command) == {StopReason.OBSTACLE}
+    assert twist(b.check(Twist(0.0, -0.9))).omega == -0.9
+
+
+def test_a_robot_that_turns_is_slowed_before_it_is_stopped() -> None:
+    b = bench().sees(post(*BESIDE))
+    b.guard._approved, b.guard._approved_at = Twist(0.0, 0.5), NOW - 0.05
+    slowed = twist(b.guard.check(Twist(0.0, 0.9), b.situation, NOW)).omega
+    assert 5.0 < degrees(slowed) < 9.0
+    assert b.guard.check(Twist(0.0, 0.9), b.situation, NOW + 0.05).stops
+
+
+def test_who_drives_on_past_a_post_may_steer() -> None:
+    b = bench().sees(post(*BESIDE))
+    b.guard._approved, b.guard._approved_at = Twist(0.3, 0.0), NOW - 0.05
+    assert twist(b.guard.check(Twist(0.3, 0.05), b.situation, NOW)) == Twist(0.3, 0.05)
+    b.guard._approved, b.guard._approved_at = Twist(-0.1, 0.0), NOW - 0.05
+    b.guard.sense(Odometry(NOW - 0.1, NOW - 0.1, Pose2(), Twist(), sonar=REAR))
+    assert twist(b.guard.check(Twist(-0.1, 0.05), b.situation, NOW)).omega == 0.05
+
+
+@pytest.mark.parametrize(("x", "free"), [(0.21, False), (0.225, True)])
+def test_what_a_turn_would_miss_by_less_than_the_laser_can_tell_is_in_its_way(
+    x: float, free: bool
+) -> None:
+    """A post within the margin of the corner; the bare corner passes both."""
+    assert bench().sees(post(x, 0.238)).check(Twist(0.0, 0.9)).stops is not free
+
+
+def test_who_sets_off_needs_room_from_the_first_command_on() -> None:
+    b = bench().sees(seen((0, 60, 0.21 + 0.70 + 0.02)))
+    assert b.guard.check(Twist(0.7, 0.0), b.situation, NOW).stops
