@@ -124,6 +124,12 @@ def test_whatever_fails_the_robot_stops_in_time_and_follows_nobody_else(
 
 
 @pytest.mark.slow
+def test_a_device_that_is_lost_while_it_is_set_up_ends_the_start_and_not_the_campaign() -> None:
+    outcome = run(Job("laser:off", "corridor", 6001, 12.0, "start-up"))
+    assert (outcome.moved, outcome.following) == (False, 0.0)
+
+
+@pytest.mark.slow
 def test_the_same_job_gives_the_same_outcome() -> None:
     job = Job("robot:garbage", "turns", 7)
     assert run(job) == run(job)

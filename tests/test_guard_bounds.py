@@ -8,7 +8,7 @@ import pytest
 from followerd.control.guard import _since_report
 from followerd.geometry import Pose2
 from followerd.messages import Odometry, StopReason, TurnBy, Twist, WheelSpeeds
-from tests.test_guard import NOW, REAR, bench, kinds, post, seen, twist
+from tests.test_guard import NOW, REAR, bench, kinds, post, seen, turned_round, twist
 
 
 def test_gaining_speed_is_no_stop() -> None:
@@ -148,3 +148,17 @@ def test_what_a_turn_would_miss_by_less_than_the_laser_can_tell_is_in_its_way(
 def test_who_sets_off_needs_room_from_the_first_command_on() -> None:
     b = bench().sees(seen((0, 60, 0.21 + 0.70 + 0.02)))
     assert b.guard.check(Twist(0.7, 0.0), b.situation, NOW).stops
+
+
+def test_one_metre_a_second_and_one_radian_a_second_are_speeds_like_any_other() -> None:
+    b = bench(max_speed_mps=1.0, blind_distance_m=2.0).sees(seen((0, 60, 1.5)))
+    b.guard._approved, b.guard._approved_at = Twist(1.0, 0.0), NOW - 0.05
+    assert 0.2 < twist(b.guard.check(Twist(1.0, 0.0), b.situation, NOW)).v < 0.7
+    assert turned_round(seen()).check(Twist(1.0, 0.0)).stops
+    b = bench(max_turn_degps=90.0).sees(post(*BESIDE))
+    b.guard._approved, b.guard._approved_at = Twist(0.0, 1.0), NOW - 0.05
+    assert 0.0 < twist(b.guard.check(Twist(0.0, 1.0), b.situation, NOW)).omega < 0.2
+    b = bench(max_turn_degps=90.0).sees(post(0.0, 0.4))
+    b.guard._approved, b.guard._approved_at = Twist(0.15, 1.0), NOW - 0.05
+    eased = twist(b.guard.check(Twist(0.7, 1.0), b.situation, NOW))
+    assert (eased.v, eased.omega) == pytest.approx((0.175, 0.25))

@@ -11,11 +11,12 @@ import cv2
 import numpy as np
 
 from followerd import app, clock
-from followerd.bench.closed_loop import simulate
+from followerd.bench.closed_loop import Summary, simulate
 from followerd.bench.mishaps import MISHAPS, TURNING
 from followerd.bench.told import Told
 from followerd.config import load
 from followerd.control.transitions import Action
+from followerd.errors import DeviceError
 from followerd.events import Presence
 from followerd.messages import Decision, Mode, StopReason
 from followerd.runtime import logs
@@ -124,7 +125,12 @@ def run(job: Job) -> Outcome:
         if job.fault == "mixed":
             witness.beside = asyncio.ensure_future(rearm(daemon, rig.truths))
 
-    follow = simulate(config, duration, attach, world=rig)["follow"] or {}
+    follow: Summary = {}
+    try:
+        follow = simulate(config, duration, attach, world=rig)["follow"] or {}
+    except DeviceError:  # who never came up ends the start
+        if job.moment != "start-up":
+            raise
     hurt = [(f.start, f.end + AFTER) for f in faults] or [(duration, duration)]
     if mishap is not None or job.fault == GONE:
         hurt = [(start, duration)]
@@ -216,6 +222,8 @@ class Witness:
             ends = _stands(decision) if turns else decision.command.stops
             if start <= decision.stamp <= end and ends and _is_broken(decision):
                 return self._halted(start, decision.stamp + SLACK, turns=turns)
+        if not self.decisions:
+            return None
         # a decision that hangs names nothing
         last = self.decisions[-1]
         hangs = last.command.expires < last.stamp - 1.0 and not last.command.stops

@@ -143,7 +143,7 @@ class Guard:
             )
         return self._plausible
 
-    def _twist(self, wish: Wish, turned: float = 0.0) -> Twist:
+    def _twist(self, wish: Wish, turned: float) -> Twist:
         """The wish as speeds; `turned` is the angle since the report that a turn counts from."""
         if isinstance(wish, Twist):
             return wish
