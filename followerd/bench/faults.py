@@ -49,8 +49,8 @@ QUICK_KINDS = (FaultKind.OFF, FaultKind.STUCK, FaultKind.WRONG, FaultKind.DISCON
 BYTES = (FaultKind.GARBAGE, FaultKind.WRONG, FaultKind.DROP, FaultKind.FLIP,
          FaultKind.DUPLICATE, FaultKind.SPLIT)  # fmt: skip
 EARLY = (FaultKind.OFF, FaultKind.REBOOT)  # a port that is not there ends the start
-SILENT = (FaultKind.OFF, FaultKind.STUCK, FaultKind.GARBAGE, FaultKind.DELAY,
-          FaultKind.DISCONNECT, FaultKind.REBOOT)  # fmt: skip # nothing fresh comes
+SILENT = (FaultKind.OFF, FaultKind.STUCK, FaultKind.GARBAGE, FaultKind.DISCONNECT,
+          FaultKind.REBOOT)  # fmt: skip # nothing fresh comes
 NUMBERS = {"laser": "F2", "camera": "F3", "robot": "F4", GONE: "F14"} | {
     name: number for name, (number, _) in MISHAPS.items()
 }
