@@ -218,9 +218,10 @@ def _run(session: pytest.Session) -> int:
 
 
 def main(every: int) -> int:
-    """Print what survived and the share that did not."""
+    """Print what survived, what is named in vain, and the share that was noticed."""
     known = {line.partition("  #")[0] for line in EQUIVALENT.read_text().splitlines()}
     tried, survived, equivalent = 0, 0, 0
+    unseen: set[str] = set()
     for module, tests in TARGETS.items():
         plugin = Mutation(module, every)
         own: Sequence[str] = (
@@ -230,11 +231,14 @@ def main(every: int) -> int:
         pytest.main([*own, *(str(ROOT / test) for test in tests)], [plugin])
         for what in plugin.survived:
             named = what.partition(":")[0] + ":" + what.partition(": ")[2]
+            unseen.add(named)
             equivalent += named in known
             survived += named not in known
             if named not in known:
                 sys.stdout.write(what + "\n")
         tried += plugin.tried
+    for named in sorted(known - unseen) if every == 1 else ():
+        sys.stdout.write(f"named in {EQUIVALENT.name}, but noticed or gone: {named}\n")
     sys.stdout.write(
         f"{tried - survived - equivalent} of {tried} changes noticed; {equivalent} change nothing, "
         f"as {EQUIVALENT.name} says why\n"
