@@ -265,3 +265,23 @@ def test_two_seconds_of_fresh_data_are_enough_to_arm() -> None:
         assert "waiting" in story.do(Action.ARM)
     story.after(2.0)
     assert story.do(Action.ARM) == ""
+
+
+def test_a_fault_may_be_disarmed_and_a_hand_may_let_it_follow() -> None:
+    story = following()
+    story.modes.fault(Fault(story.now, "laser", StopReason.LINK_LOST), story.now)
+    assert story.do(Action.DISARM) == ""
+    assert story.mode() is Mode.DISARMED
+    story = following()
+    assert story.do(Action.MANUAL, Action.ARM) == ""
+    assert story.mode() is Mode.READY
+
+
+def test_who_is_lost_while_it_was_unsure_is_searched_for() -> None:
+    story = following()
+    story.phase = TrackPhase.TENTATIVE
+    story.run(0.5)
+    assert story.mode() is Mode.HOLDING
+    story.phase = TrackPhase.LOST
+    story.run(0.5)
+    assert story.mode() is Mode.SEARCHING
