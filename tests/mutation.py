@@ -120,7 +120,7 @@ def _difference(before: str, after: str, line: int) -> str:
     )
     old, new = old.strip(), new.strip()
     if len(old) > TELLING:  # a table
-        same = len(os.path.commonprefix([old, new]))
+        same = next(k for k in range(len(old)) if old[k] != new[k : k + 1])
         start = max(0, same - TELLING // 4)
         old, new = old[start : start + TELLING // 2], new[start : start + TELLING // 2]
     return f"{line}: {old}  ->  {new}"
