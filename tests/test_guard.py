@@ -665,7 +665,7 @@ def test_a_track_that_the_config_names_holds() -> None:
     for changes, track in (({}, 0.536), ({"track_m": 0.4}, 0.4)):
         b = bench(**changes)
         b.guard.fit(POWERBOT)
-        assert b.guard._twist(WheelSpeeds(0.0, 0.2)).omega == pytest.approx(0.2 / track)
+        assert b.guard._twist(WheelSpeeds(0.0, 0.2), 0.0).omega == pytest.approx(0.2 / track)
 
 
 @pytest.mark.parametrize("value", [nan, inf, 0.0, -0.3])
