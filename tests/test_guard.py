@@ -753,7 +753,7 @@ def test_whatever_comes_in_what_goes_out_is_within_all_bounds(
         return
     assert not stale
     assert min(scan, image, base) >= -0.05
-    got = b.guard._twist(command.motion)
+    got = b.guard._twist(command.motion, 0.0)
     assert isfinite(got.v)
     assert isfinite(got.omega)
     assert -0.15 <= got.v <= 0.7 + 1e-9
@@ -836,7 +836,7 @@ def test_no_absurd_input_yields_a_motion(
     command = b.guard.check(given_wish, b.situation, NOW)
     if is_absurd(what, b.situation, given_wish, b):
         assert command.stops
-    got = Twist() if command.motion is None else b.guard._twist(command.motion)
+    got = Twist() if command.motion is None else b.guard._twist(command.motion, 0.0)
     assert abs(got.v) <= 0.7
     assert abs(got.omega) <= radians(57.0) + 1e-9
 
