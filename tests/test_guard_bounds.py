@@ -52,6 +52,22 @@ def test_a_target_of_one_beam_is_not_another_person() -> None:
     assert twist(b.check(Twist(0.7, 0.0))).v == pytest.approx(0.38)
 
 
+def test_whoever_shares_a_beam_with_the_target_is_not_another_person() -> None:
+    b = bench().sees(seen((0, 3, 1.15)))
+    view = b.situation.view
+    assert view is not None
+    ((first, last),) = zip(view.clusters.first.tolist(), view.clusters.last.tolist(), strict=True)
+    for beams, is_other in [
+        (slice(last, last + 3), False),
+        (slice(last + 1, last + 3), True),
+        (slice(first - 3, first + 1), False),
+        (slice(first - 3, first), True),
+    ]:
+        b.situation = replace(b.situation, claimed=(beams,), target=(1.9, 0.0))
+        command = b.check(Twist(0.7, 0.0))
+        assert ("someone else" in str(command.reasons)) is is_other
+
+
 def test_whoever_stands_right_beside_the_targets_legs_is_another_person() -> None:
     b = bench().sees(seen((-2.5, 2.5, 1.3), (2.0, 1.5, 1.1)))
     view = b.situation.view
@@ -99,6 +115,9 @@ def test_a_standing_robot_does_not_creep_up_to_its_margin() -> None:
 
 def test_an_arc_toward_a_wall_is_slowed_and_not_given_up() -> None:
     assert 0.2 < twist(bench().sees(seen((0, 60, 1.5))).check(Twist(0.7, 0.2))).v < 0.65
+    b = bench().sees(seen((0, 60, 1.5)))
+    b.guard._approved, b.guard._approved_at = Twist(0.7, 0.2), NOW - 0.05
+    assert 0.2 < twist(b.guard.check(Twist(0.7, 0.2), b.situation, NOW)).v < 0.65
 
 
 def test_no_report_is_no_turn() -> None:
@@ -146,7 +165,7 @@ def test_what_a_turn_would_miss_by_less_than_the_laser_can_tell_is_in_its_way(
 
 
 def test_who_sets_off_needs_room_from_the_first_command_on() -> None:
-    b = bench().sees(seen((0, 60, 0.21 + 0.70 + 0.02)))
+    b = bench().sees(seen((0, 4, 0.21 + 0.70 + 0.02)))  # room for 4 cm/s
     assert b.guard.check(Twist(0.7, 0.0), b.situation, NOW).stops
 
 
@@ -162,3 +181,11 @@ def test_one_metre_a_second_and_one_radian_a_second_are_speeds_like_any_other() 
     b.guard._approved, b.guard._approved_at = Twist(0.15, 1.0), NOW - 0.05
     eased = twist(b.guard.check(Twist(0.7, 1.0), b.situation, NOW))
     assert (eased.v, eased.omega) == pytest.approx((0.175, 0.25))
+
+
+def test_the_arc_of_a_start_is_the_one_that_is_meant() -> None:
+    """A post beside the robot forbids the tight arc, one on the right going straight ahead."""
+    b = bench().sees(seen((72, 0.1, 0.316), (-21, 0.1, 0.75)))
+    b.guard._approved_at = NOW - 0.05
+    started = twist(b.guard.check(Twist(0.7, 0.6), b.situation, NOW))
+    assert (started.v, started.omega) == pytest.approx((0.025, 0.025 * 0.0873 / 0.7), rel=0.01)
