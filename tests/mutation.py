@@ -2,11 +2,11 @@
 
     python -m tests.mutation [EVERY]
 
-Changes one thing at a time (a comparison, an `and`, a number, a sign, a `not`, a returned value)
-and runs the module's own tests, then the pipeline's, until one fails; what nobody noticed is
-listed. The tests are collected once: each change is made in a forked copy of this process, in the
-code of the functions that are already imported. With EVERY = 10 only each tenth change is tried.
-Not collected by pytest.
+Changes one thing at a time (a comparison, an `and`, a number, a sign, a `not`, a mode, a returned
+value) and runs the module's own tests, then the pipeline's, until one fails; what nobody noticed
+is listed. The tests are collected once: each change is made in a forked copy of this process, in
+the code of the functions that are already imported. With EVERY = 10 only each tenth change is
+tried. Not collected by pytest.
 """
 
 import ast
@@ -53,6 +53,7 @@ ARITHMETIC: dict[type[ast.operator], type[ast.operator]] = {
     ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd,
 }  # fmt: skip
 LONGEST = 60  # s, for the tests of one change: an endless loop is noticed too
+TELLING = 240  # characters of a line that is shown whole
 BEFORE = 0  # exit code of a child whose tests all pass
 
 
@@ -72,6 +73,9 @@ def changes(node: ast.AST) -> Iterator[ast.AST]:
             yield ast.Constant(not value)
         case ast.Constant(int() | float() as value):
             yield ast.Constant(value + 1)
+        case ast.Attribute(ast.Name("Mode"), name):
+            mode = "FOLLOWING" if name == "DISARMED" else "DISARMED"
+            yield ast.Attribute(ast.Name("Mode", ast.Load()), mode, ast.Load())
         case ast.Return(ast.expr()):
             yield ast.Return(ast.Constant(None))
 
@@ -114,7 +118,12 @@ def _difference(before: str, after: str, line: int) -> str:
     old, new = next(
         (a, b) for a, b in zip(before.splitlines(), after.splitlines(), strict=True) if a != b
     )
-    return f"{line}: {old.strip()}  ->  {new.strip()}"
+    old, new = old.strip(), new.strip()
+    if len(old) > TELLING:  # a table
+        same = next(k for k in range(len(old)) if old[k] != new[k : k + 1])
+        start = max(0, same - TELLING // 4)
+        old, new = old[start : start + TELLING // 2], new[start : start + TELLING // 2]
+    return f"{line}: {old}  ->  {new}"
 
 
 def _put(parent: ast.AST, name: str, index: int | None, node: ast.AST) -> None:
@@ -218,9 +227,10 @@ def _run(session: pytest.Session) -> int:
 
 
 def main(every: int) -> int:
-    """Print what survived and the share that did not."""
+    """Print what survived, what is named in vain, and the share that was noticed."""
     known = {line.partition("  #")[0] for line in EQUIVALENT.read_text().splitlines()}
     tried, survived, equivalent = 0, 0, 0
+    unseen: set[str] = set()
     for module, tests in TARGETS.items():
         plugin = Mutation(module, every)
         own: Sequence[str] = (
@@ -230,11 +240,14 @@ def main(every: int) -> int:
         pytest.main([*own, *(str(ROOT / test) for test in tests)], [plugin])
         for what in plugin.survived:
             named = what.partition(":")[0] + ":" + what.partition(": ")[2]
+            unseen.add(named)
             equivalent += named in known
             survived += named not in known
             if named not in known:
                 sys.stdout.write(what + "\n")
         tried += plugin.tried
+    for named in sorted(known - unseen) if every == 1 else ():
+        sys.stdout.write(f"named in {EQUIVALENT.name}, but noticed or gone: {named}\n")
     sys.stdout.write(
         f"{tried - survived - equivalent} of {tried} changes noticed; {equivalent} change nothing, "
         f"as {EQUIVALENT.name} says why\n"

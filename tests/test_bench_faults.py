@@ -6,8 +6,9 @@ from math import pi
 import pytest
 
 from followerd.bench.false_stops import account
-from followerd.bench.fault_runs import GONE, HUNG, MOMENTS, Job, Outcome, approaches, run
+from followerd.bench.fault_runs import GONE, MOMENTS, Job, Outcome, approaches, run
 from followerd.bench.faults import DEVICES, plan, rows
+from followerd.bench.mishaps import HUNG, MISHAPS
 from followerd.geometry import Pose2
 from followerd.messages import Command, Decision, Mode, Reason, StopReason, Twist
 from followerd.sim.faults import FaultKind
@@ -25,9 +26,13 @@ STOPPED = Outcome(
     unnamed_stops=0,
     stops=2,
     too_early=0.0,
+    resumed=0.0,
+    fastest=0.5,
+    toward_person=0.0,
+    toward_others=0.2,
+    stood=18.0,
     sound=1800.0,
     following=1900.0,
-    stood=18.0,
 )
 
 
@@ -41,7 +46,11 @@ def test_figures_stand_by_failsafe_and_by_fault() -> None:
     ]
     found = {(row.scenario, row.metric): row.value for row in rows(runs)}
     names = list(dict.fromkeys(name for name, _ in found))
-    assert names == ["F1", "F2", "F7", "F10", "F19", HUNG, "laser:flip", "laser:off"]
+    bounds = ["F10", "F11", "F12", "F19"]
+    assert names == ["F1", "F2", "F7", *bounds, HUNG, "laser:flip", "laser:off"]
+    assert found["F2", "time_to_stop_max_s"] is None  # a bit that turns leaves some scans fresh
+    assert found["F12", "fastest_max_mps"] == 0.5
+    assert found["F11", "toward_person_max_mps"] == 0.0
     assert found["F1", "time_to_stop_max_s"] == 0.2
     assert found["laser:flip", "time_to_stop_p50_s"] == 0.4
     assert found["laser:flip", "stopped_percent"] == 50.0
@@ -66,6 +75,7 @@ def test_the_plan_has_every_fault_of_every_device_at_every_moment() -> None:
     jobs = plan(1, quick=False)
     faults = {job.fault for job in jobs}
     assert {f"{device}:{kind.value}" for device in DEVICES for kind in FaultKind} <= faults
+    assert faults >= MISHAPS.keys()
     laser = [job for job in jobs if job.fault == "laser:stuck"]
     assert {job.moment for job in laser} == set(MOMENTS) - {"start-up"}
     early = {job.fault for job in jobs if job.moment == "start-up"}
@@ -82,7 +92,8 @@ def test_a_fault_while_it_starts_up_and_the_identity_have_rows_of_their_own() ->
     ]
     found = {(row.scenario, row.metric): row.value for row in rows(runs)}
     names = list(dict.fromkeys(name for name, _ in found))
-    assert names == ["F9", "F10", "F14", "F18", "F19", "mixed", "mixed:legs", GONE]
+    numbers = ["F9", "F10", "F11", "F12", "F14", "F18", "F19"]
+    assert names == [*numbers, "mixed", "mixed:legs", GONE]
     assert found["F18", "too_early_m"] == 0.3
     assert found["F9", "wrong_follow_m"] == found["mixed:legs", "wrong_follow_m"] == 0.5
     assert found["F14", "time_to_stop_max_s"] == 0.9
@@ -112,6 +123,12 @@ def test_whatever_fails_the_robot_stops_in_time_and_follows_nobody_else(
         assert outcome.moved
         assert outcome.time_to_stop is not None
         assert outcome.time_to_stop <= latest
+
+
+@pytest.mark.slow
+def test_a_device_that_is_lost_while_it_is_set_up_ends_the_start_and_not_the_campaign() -> None:
+    outcome = run(Job("laser:off", "corridor", 6001, 12.0, "start-up"))
+    assert (outcome.moved, outcome.following) == (False, 0.0)
 
 
 @pytest.mark.slow

@@ -11,7 +11,8 @@ import pytest
 
 from followerd import app, clock
 from followerd.bench.closed_loop import simulate
-from followerd.bench.fault_runs import HUNG, Job, run
+from followerd.bench.fault_runs import Job, run
+from followerd.bench.mishaps import HUNG
 from followerd.config import load
 from followerd.control.limits import GuardSettings
 from followerd.control.novelty import Novelty

@@ -665,7 +665,7 @@ def test_a_track_that_the_config_names_holds() -> None:
     for changes, track in (({}, 0.536), ({"track_m": 0.4}, 0.4)):
         b = bench(**changes)
         b.guard.fit(POWERBOT)
-        assert b.guard._twist(WheelSpeeds(0.0, 0.2)).omega == pytest.approx(0.2 / track)
+        assert b.guard._twist(WheelSpeeds(0.0, 0.2), 0.0).omega == pytest.approx(0.2 / track)
 
 
 @pytest.mark.parametrize("value", [nan, inf, 0.0, -0.3])
@@ -753,7 +753,7 @@ def test_whatever_comes_in_what_goes_out_is_within_all_bounds(
         return
     assert not stale
     assert min(scan, image, base) >= -0.05
-    got = b.guard._twist(command.motion)
+    got = b.guard._twist(command.motion, 0.0)
     assert isfinite(got.v)
     assert isfinite(got.omega)
     assert -0.15 <= got.v <= 0.7 + 1e-9
@@ -836,7 +836,7 @@ def test_no_absurd_input_yields_a_motion(
     command = b.guard.check(given_wish, b.situation, NOW)
     if is_absurd(what, b.situation, given_wish, b):
         assert command.stops
-    got = Twist() if command.motion is None else b.guard._twist(command.motion)
+    got = Twist() if command.motion is None else b.guard._twist(command.motion, 0.0)
     assert abs(got.v) <= 0.7
     assert abs(got.omega) <= radians(57.0) + 1e-9
 

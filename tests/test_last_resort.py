@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import pytest
 
@@ -40,6 +41,37 @@ def heard(base: int, seconds: float) -> bytes:
     return data
 
 
+EAR = """
+import os, sys, time
+print("up", flush=True)
+data = os.read(int(sys.argv[1]), 4096)
+print(time.monotonic(), data.hex(), flush=True)
+"""
+
+
+@contextmanager
+def ear(base: int) -> Iterator[Callable[[], tuple[float, bytes]]]:
+    """A process that listens while this one is blocked: when it first heard something, and what."""
+    command = [sys.executable, "-c", EAR, str(base)]
+    with subprocess.Popen(command, pass_fds=[base], stdout=subprocess.PIPE, text=True) as process:
+        out = process.stdout
+        assert out is not None
+        out.readline()
+
+        def first() -> tuple[float, bytes]:
+            stamp, _, data = out.readline().partition(" ")
+            return float(stamp), bytes.fromhex(data)
+
+        try:
+            yield first
+        finally:
+            process.kill()
+
+
+def tell(what: str, seconds: float) -> None:
+    sys.stdout.write(f"{what}: the last resort said STOP after {seconds:.3f} s\n")
+
+
 def hold_the_interpreter(seconds: float) -> None:
     """A call into C that keeps every other thread out."""
     ctypes.PyDLL(None).usleep(round(1e6 * seconds))
@@ -57,8 +89,13 @@ async def test_a_blocked_loop_is_noticed_from_outside(
     stream = await heartbeat.guarded(TtyLink(path)).open("base", 9600)
     await asyncio.sleep(0.6)
     assert heard(base, 0.0) == b""  # a loop that lives is left alone
-    block(0.55)
-    assert heard(base, 0.01).startswith(HALT)
+    with ear(base) as first:
+        began = time.monotonic()
+        block(1.0)
+        stamp, said = first()
+    assert said.startswith(HALT)
+    assert stamp - began < 1.0  # while it was blocked
+    tell(f"{block.__name__} in the loop", stamp - began)
     await asyncio.sleep(0.5)
     heard(base, 0.0)
     await asyncio.sleep(0.5)
@@ -121,8 +158,12 @@ def test_a_daemon_that_is_killed_or_frozen_is_outlived(
         daemon.stdout.readline()
         time.sleep(0.6)
         assert heard(base, 0.0) == b""
-        daemon.send_signal(end)
-        assert heard(base, 0.7).startswith(HALT)
+        with ear(base) as first:
+            began = time.monotonic()
+            daemon.send_signal(end)
+            stamp, said = first()
+        assert said.startswith(HALT)
+        tell(end.name, stamp - began)
         daemon.kill()
     heard(base, 1.0)
     assert heard(base, 1.0) == b""  # nothing keeps the base's own watchdog quiet

@@ -1,6 +1,6 @@
 """The modes' smaller promises, each of which a changed sign or number would break unseen."""
 
-from math import radians
+from math import inf, radians
 
 import pytest
 
@@ -161,3 +161,127 @@ def test_who_was_never_seen_in_a_direction_is_searched_for_to_the_left() -> None
     assert story.mode() is Mode.SEARCHING
     assert permission.search == pytest.approx(radians(25.0))
     assert Pose2() == story.odometry().pose
+
+
+EXACT = ModeSettings(  # times and shares that a computer knows exactly
+    fresh_before_arming_s=2.0, motors_on_within_s=2.0, min_confidence=0.5, unsure_grace_s=0.125,
+    coast_s=0.25, search_s=8.0, occluded_sigma_m=0.5, suspended_s=1.0, operator_gone_s=0.5,
+    hand_s=0.125,
+)  # fmt: skip
+START = 16.0  # s
+
+
+class Exactly(Story):
+    """Follows since START by EXACT bounds; nothing happens but what is told."""
+
+    def __init__(self) -> None:
+        earlier = following()
+        vars(self).update(vars(earlier))
+        self.modes.settings = EXACT
+        for step in range(-32, 1):
+            self.after(0.125 * step)
+            self.see(TrackPhase.CONFIRMED)
+
+    def after(self, seconds: float) -> Permission:
+        """So long after START, with all data fresh."""
+        self.now = START + seconds
+        for name in ("scan", "odometry", "image"):
+            self.freshness.saw(name, self.now, self.now)
+        return self.modes.permission(self.now)
+
+    def see(self, phase: TrackPhase, confidence: float = 0.9, sigma: float = 0.1) -> None:
+        """The track of now."""
+        self.modes.track(TrackState(self.now, phase, confidence, bearing=0.1), sigma, self.now)
+
+
+def test_a_person_at_the_least_confidence_is_followed() -> None:
+    story = Exactly()
+    story.see(TrackPhase.CONFIRMED, confidence=0.5)
+    assert story.after(1.0) == Permission(True, inf)
+
+
+@pytest.mark.parametrize("sigma", [0.5, 0.6])
+def test_a_prediction_too_uncertain_to_follow_is_doubted_at_once(sigma: float) -> None:
+    story = Exactly()
+    story.see(TrackPhase.OCCLUDED, sigma=sigma)
+    story.after(0.125)
+    assert story.mode() is Mode.HOLDING
+
+
+def test_doubt_coasting_and_search_end_when_their_time_is_up() -> None:
+    story = Exactly()
+    story.see(TrackPhase.TENTATIVE)
+    story.after(0.1)
+    assert story.mode() is Mode.FOLLOWING
+    story.after(0.125)
+    assert story.mode() is Mode.HOLDING
+    story = Exactly()
+    story.see(TrackPhase.LOST)
+    story.after(0.2)
+    assert story.mode() is Mode.FOLLOWING
+    story.after(0.25)
+    assert story.mode() is Mode.SEARCHING
+    story.after(8.2)
+    assert story.mode() is Mode.SEARCHING
+    story.after(8.25)
+    assert story.mode() is Mode.IDLE
+
+
+def test_a_hand_and_a_session_are_good_for_as_long_as_is_said() -> None:
+    story = Exactly()
+    assert story.modes.operate(Action.MANUAL, story.now, "page") == ""
+    story.modes.drive(Twist(0.2, 0.0), "page", story.now)
+    assert story.after(0.125).move
+    assert not story.after(0.126).move
+    story.after(0.5)
+    assert story.mode() is Mode.MANUAL
+    story.after(0.51)
+    assert story.mode() is Mode.DISARMED
+
+
+def test_motors_have_their_time_to_come_on() -> None:
+    story = Exactly()
+    story.motors = False
+    assert story.do(Action.HOLD, Action.ARM) == ""
+    for seconds, mode in [(2.0, Mode.READY), (2.01, Mode.DISARMED)]:
+        story.after(seconds)
+        story.modes.base(story.odometry(), story.now)
+        assert story.mode() is mode
+
+
+def test_who_was_away_for_just_as_long_as_is_allowed_is_not_disarmed() -> None:
+    story = Exactly()
+    story.modes.late(1.0, story.now)
+    assert story.mode() is Mode.HOLDING
+
+
+def test_two_seconds_of_fresh_data_are_enough_to_arm() -> None:
+    story = Exactly()
+    story.do(Action.DISARM)
+    story.freshness = story.modes.freshness = Freshness()
+    story.after(0.0)
+    for step in range(1, 16):
+        story.after(0.125 * step)
+        assert "waiting" in story.do(Action.ARM)
+    story.after(2.0)
+    assert story.do(Action.ARM) == ""
+
+
+def test_a_fault_may_be_disarmed_and_a_hand_may_let_it_follow() -> None:
+    story = following()
+    story.modes.fault(Fault(story.now, "laser", StopReason.LINK_LOST), story.now)
+    assert story.do(Action.DISARM) == ""
+    assert story.mode() is Mode.DISARMED
+    story = following()
+    assert story.do(Action.MANUAL, Action.ARM) == ""
+    assert story.mode() is Mode.READY
+
+
+def test_who_is_lost_while_it_was_unsure_is_searched_for() -> None:
+    story = following()
+    story.phase = TrackPhase.TENTATIVE
+    story.run(0.5)
+    assert story.mode() is Mode.HOLDING
+    story.phase = TrackPhase.LOST
+    story.run(0.5)
+    assert story.mode() is Mode.SEARCHING

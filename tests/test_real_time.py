@@ -80,18 +80,46 @@ def lab(tmp_path: Path) -> Iterator[Lab]:
     built.close()
 
 
+def last_resort_of(daemon: "subprocess.Popen[bytes]") -> int:
+    """Its process."""
+    path = Path(f"/proc/{daemon.pid}/task/{daemon.pid}/children")
+    (child,) = [
+        int(pid)
+        for pid in path.read_text().split()
+        if b"last_resort" in Path(f"/proc/{pid}/cmdline").read_bytes()
+    ]
+    return child
+
+
+def tell(what: str, layer: str, since: float, truths: list[Truth]) -> None:
+    """Print which layer stopped the robot, when it began to brake and when it stood."""
+    after = [truth for truth in truths if truth.stamp >= since]
+    brakes = next(t.stamp for t in after if t.twist.v < after[0].twist.v - 0.05) - since
+    stands = next(t.stamp for t in after if abs(t.twist.v) < 1e-3) - since
+    sys.stdout.write(f"{what}: stopped by {layer}; brakes {brakes:.2f} s, stands {stands:.2f} s\n")
+
+
 def distance(a: Truth, b: Truth) -> float:
     return hypot(a.pose.x - b.pose.x, a.pose.y - b.pose.y)
 
 
-def test_a_killed_daemon_leaves_a_robot_that_stands_until_it_is_armed_again(lab: Lab) -> None:
+@pytest.mark.parametrize("what", ["daemon", "computer"])
+def test_a_killed_daemon_leaves_a_robot_that_stands_until_it_is_armed_again(
+    what: str, lab: Lab
+) -> None:
     daemon = lab.daemon("auto")
     lab.until(lambda: lab.newest().twist.v > 0.2)
+    began = time.monotonic()
+    if what == "computer":  # without power nothing but the base's own watchdog is left
+        os.kill(last_resort_of(daemon), signal.SIGKILL)
     daemon.send_signal(signal.SIGKILL)
-    daemon.wait()
-    time.sleep(3.0)  # the base's own watchdog has stopped it, and keeps its setpoints
+    _, told = daemon.communicate()
+    lab.until(lambda: abs(lab.newest().twist.v) < 1e-3)
+    time.sleep(1.0)
+    assert (b"the daemon is gone" in told) is (what == "daemon")
+    layer = "the last resort" if what == "daemon" else "the base's own watchdog"
+    tell(f"SIGKILL of the {what}", layer, began, truth_log.read(lab.truth))
     stood = lab.newest()
-    assert stood.twist.v == pytest.approx(0.0, abs=1e-3)
     lab.daemon("manual")
     time.sleep(6.0)
     after = lab.newest()
@@ -104,6 +132,7 @@ def test_a_frozen_daemon_is_stopped_by_the_last_resort_and_does_not_drive_on_whe
 ) -> None:
     daemon = lab.daemon("auto")
     lab.until(lambda: lab.newest().twist.v > 0.2)
+    began = time.monotonic()
     daemon.send_signal(signal.SIGSTOP)
     lab.until(lambda: abs(lab.newest().twist.v) < 1e-3)
     stood = lab.newest()
@@ -111,19 +140,22 @@ def test_a_frozen_daemon_is_stopped_by_the_last_resort_and_does_not_drive_on_whe
     time.sleep(1.0)
     daemon.terminate()
     _, told = daemon.communicate(timeout=10)
-    assert b"last resort: stop" in told  # the layer that stopped it
+    assert b"the loop is blocked" in told  # the layer that stopped it
     assert b"the loop was late" in told
     assert distance(stood, lab.newest()) < 0.05
+    tell("SIGSTOP of the daemon", "the last resort", began, truth_log.read(lab.truth))
 
 
 def test_sigterm_stops_the_robot_before_the_daemon_ends(lab: Lab) -> None:
     summary = lab.folder / "summary.json"
     daemon = lab.daemon("auto", "--summary", str(summary))
     lab.until(lambda: lab.newest().twist.v > 0.2)
+    began = time.monotonic()
     daemon.send_signal(signal.SIGTERM)
     assert daemon.wait(timeout=5) == 0
     time.sleep(1.6)  # 0.7 m/s at 0.5 m/s^2
     assert lab.newest().twist.v == pytest.approx(0.0, abs=1e-3)
+    tell("SIGTERM", "the daemon", began, truth_log.read(lab.truth))
     figures = json.loads(summary.read_text())
     assert figures["mode_s"]["following"] > 0
     assert figures["follow"] is None  # it could not know the truth

@@ -1,10 +1,10 @@
 """One run with faults: when the robot stopped, how far it went, whom it came near."""
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import cos, hypot
+from math import cos, hypot, inf
 from typing import Any
 
 import cv2
@@ -12,24 +12,22 @@ import numpy as np
 
 from followerd import app
 from followerd.bench.bystander import armed_by_session, rearm
-from followerd.bench.closed_loop import simulate
+from followerd.bench.closed_loop import Summary, simulate
 from followerd.bench.false_stops import Account, InView, account, broken
 from followerd.bench.metrics import is_visible
+from followerd.bench.mishaps import MISHAPS, TURNING
+from followerd.bench.told import Told
 from followerd.config import Config, load
-from followerd.hw.p2os.commands import Cmd
-from followerd.hw.p2os.protocol import PacketDecoder
-from followerd.hw.p2os.writer import BRAKE, HALT
+from followerd.errors import DeviceError
 from followerd.messages import Decision, Mode, StopReason
 from followerd.runtime import logs
 from followerd.runtime.daemon import Daemon
 from followerd.runtime.stats import Stop
 from followerd.sim.faults import Fault, FaultKind
-from followerd.sim.truth import Truth
+from followerd.sim.truth import Actor, Truth
 
-HUNG = "decisions:stuck"  # not a device: the pipeline decides nothing new (F1)
-GONE = "operator:off"  # nor is this: the session that armed is heard of no more (F14)
+GONE = "operator:off"  # not a device: the session that armed is heard of no more (F14)
 CONFIG = {"record.raw_bytes": True}
-SETPOINTS = (Cmd.VEL, Cmd.RVEL, Cmd.HEAD, Cmd.DHEAD, Cmd.VEL2)
 SLOWEST = {"laser.baud": 38400, "laser.resolution_deg": 1}  # that F2 allows; trackers of images
 FOLLOWING = "hpf-sim"  # the preset of every run that names none
 HEAD = "ofkf-sim"  # the one with a pan-tilt head
@@ -45,6 +43,9 @@ NEAR, FAST = 0.45, 0.1  # m, m/s: nearer and faster is an approach
 MOVES = 0.05  # m/s or rad/s
 STANDS = 0.01  # the same
 SLACK = 0.06  # s from a decision to its stop's last byte, what was under way included
+LATCHED = (Mode.DISARMED, Mode.FAULT, Mode.ESTOP)
+MINE, OTHERS = 0.9, 1.1  # m: no speed toward the followed person, little toward anybody else
+NOTICED = 0.5  # s that they have been so near
 SILENT = frozenset({FaultKind.OFF, FaultKind.DISCONNECT, FaultKind.REBOOT})  # surely nothing new
 FRESH = 2.0  # s after those, before anything may move
 
@@ -76,6 +77,10 @@ class Outcome:
     unnamed_stops: int  # without reason, device or time (F19)
     stops: int
     too_early: float  # m driven before the devices had been well for long enough (F18)
+    resumed: float  # m driven after a stop that only the operator may end
+    fastest: float  # m/s that the base was told
+    toward_person: float  # m/s told, toward the followed person who is near (F11)
+    toward_others: float  # m/s told, toward anybody else who is near (F12)
     sound: float  # s without a fault in which it followed, or falsely did not
     following: float  # s
     stood: float = 0.0  # s of the sound time, falsely
@@ -94,22 +99,29 @@ def run(job: Job) -> Outcome:
     config = load(job.preset, {**place, **CONFIG, **laser})
     rig = app.rig(config, faults)
     witness = Witness(config.base.model_dump().get("baud") or 9600)
+    _, mishap = MISHAPS.get(job.fault, ("", None))
 
     def attach(daemon: Daemon) -> None:
         witness.attach(daemon)
-        if job.fault == HUNG:
-            asyncio.get_running_loop().call_at(start, hang, daemon)
+        if mishap is not None:
+            asyncio.get_running_loop().call_at(start, mishap, daemon, start + LENGTH)
         if job.fault == GONE:
             witness.beside = asyncio.ensure_future(armed_by_session(daemon, start))
         if job.fault == "mixed":
             witness.beside = asyncio.ensure_future(rearm(daemon, rig))
 
-    follow = simulate(config, duration, attach, world=rig)["follow"] or {}
+    follow: Summary = {}
+    try:
+        follow = simulate(config, duration, attach, world=rig)["follow"] or {}
+    except DeviceError:  # who never came up ends the start
+        if job.moment != "start-up":
+            raise
     hurt = [(f.start, f.end + AFTER) for f in faults] or [(duration, duration)]
-    if job.fault in (HUNG, GONE):
+    if mishap is not None or job.fault == GONE:
         hurt = [(start, duration)]
     single = job.fault not in ("none", "mixed")
-    stopped = witness.stopped(start, start + LENGTH + AFTER) if single else None
+    turns = job.fault in TURNING
+    stopped = witness.stopped(start, start + LENGTH + AFTER, turns=turns) if single else None
     falsely = account(rig.truths, witness.decisions, hurt, witness.sight(config))
     outcome = _outcome(rig.truths, witness, follow, falsely, start, stopped)
     silent = [f for f in faults if f.kind in SILENT and f.device != "ptz"]
@@ -118,15 +130,8 @@ def run(job: Job) -> Outcome:
     return replace(outcome, too_early=_driven(rig.truths, silent[0].start, silent[0].end + FRESH))
 
 
-def hang(daemon: Daemon) -> None:
-    """From now on nothing new is decided: every event gets the last command again."""
-    last = daemon.decision
-    assert last is not None
-    vars(daemon.pipeline)["step"] = lambda _event, now: replace(last, stamp=now)
-
-
 def _faults(name: str, start: float, duration: float, rng: np.random.Generator) -> list[Fault]:
-    if name in ("none", HUNG, GONE):
+    if name in ("none", GONE, *MISHAPS):
         return []
     if name != "mixed":
         return [Fault.parse(f"{name}@{start:.3f}+{LENGTH}")]
@@ -145,17 +150,15 @@ class Witness:
 
     def __init__(self, baud: int) -> None:
         self.decisions: list[Decision] = []
-        self.halts: list[float] = []  # s, last byte
-        self.moves: list[float] = []  # s, of setpoints that are not zero
         self.stops: list[Stop] = []
+        self.told = Told(baud)
         self.beside: asyncio.Future[None] | None = None  # what goes on beside the run
-        self._baud = baud
         self._by_camera = False  # and a fixed one
 
     def attach(self, daemon: Daemon) -> None:
         """Look at a daemon."""
         daemon.decision_watchers.append(self.decisions.append)
-        daemon.line_watchers.append(self._hear)
+        daemon.line_watchers.append(self.told.hear)
         self.stops = daemon.stats.stops
         self._by_camera = "image" in daemon.pipeline.freshness.newest and daemon.head is None
 
@@ -166,31 +169,28 @@ class Witness:
             return lambda actor: is_visible(actor, camera)
         return lambda actor: actor.in_sight and cos(actor.bearing) > 0.0
 
-    def stopped(self, start: float, end: float) -> float | None:
-        """When (s) the base was told to stop because something broke after `start`."""
+    def stopped(self, start: float, end: float, *, turns: bool = False) -> float | None:
+        """When (s) the base was told to stop because something broke after `start`.
+
+        Where it may go on `turns` it need only stop driving.
+        """
         for decision in self.decisions:
-            if start <= decision.stamp <= end and decision.command.stops and broken(decision):
-                return self._halted(start, decision.stamp + SLACK)
+            ends = _stands(decision) if turns else decision.command.stops
+            if start <= decision.stamp <= end and ends and broken(decision):
+                return self._halted(start, decision.stamp + SLACK, turns=turns)
+        if not self.decisions:
+            return None
         # a decision that hangs names nothing
-        hangs = self.decisions[-1].command.expires < self.decisions[-1].stamp - 1.0
-        halts = [t for t in self.halts if start <= t <= end]
-        return halts[0] if halts and hangs and not self.decisions[-1].command.stops else None
+        last = self.decisions[-1]
+        hangs = last.command.expires < last.stamp - 1.0 and not last.command.stops
+        return self._halted(start, start + LENGTH, turns=False) if hangs else None
 
-    def _halted(self, start: float, end: float) -> float | None:
+    def _halted(self, start: float, end: float, *, turns: bool) -> float | None:
         """The first stop behind which nothing moved the robot any more; it is said repeatedly."""
-        moved = max([t for t in self.moves if t <= end], default=start)
-        return next((t for t in self.halts if max(start, moved) <= t <= end), None)
-
-    def _hear(self, device: str, data: bytes, now: float) -> None:
-        if device == "base-sent" and (HALT in data or BRAKE in data):
-            self.halts.append(now + 10 * len(data) / self._baud)
-        elif device == "base-sent" and _moves(data):
-            self.moves.append(now)
-
-
-def _moves(data: bytes) -> bool:
-    packets = PacketDecoder().feed(data)
-    return any(p.type in SETPOINTS and any(p.payload[2:]) for p in packets)
+        told = [(t, asked) for t, asked in self.told.history if start <= t <= end]
+        zero = [asked.v == 0.0 and (turns or asked.omega == 0.0) for _, asked in told]
+        last = max([k for k, stands in enumerate(zero) if not stands], default=-1)
+        return told[last + 1][0] if last + 1 < len(told) else None
 
 
 def _outcome(
@@ -207,6 +207,10 @@ def _outcome(
     standstill, distance = (None, None) if stopped is None else _to_standstill(
         truths, start, stopped
     )  # fmt: skip
+    latched = [d.stamp for d in witness.decisions if d.stamp > start and d.mode in LATCHED]
+    resumed = 0.0
+    if standstill is not None and latched:
+        resumed = _driven(truths, start + standstill, truths[-1].stamp)
     armed = [d for d in witness.decisions if d.mode is Mode.FOLLOWING]
     times = np.array([d.stamp for d in armed])
     steps = np.minimum(np.diff(times), 0.1) if len(times) > 1 else np.zeros(0)
@@ -222,6 +226,10 @@ def _outcome(
         unnamed_stops=sum(not _is_told(stop) for stop in witness.stops),
         stops=len(witness.stops),
         too_early=0.0,
+        resumed=resumed,
+        fastest=max((abs(asked.v) for _, asked in witness.told.history), default=0.0),
+        toward_person=toward(truths, witness.told, MINE, lambda truth: (truth.target,)),
+        toward_others=toward(truths, witness.told, OTHERS, lambda truth: truth.others),
         sound=falsely.sound,
         following=float(steps.sum()),
         stood=falsely.stood,
@@ -232,6 +240,23 @@ def _is_told(stop: Stop) -> bool:
     """Whether a stop says why, by which device, and when; over a lost link nothing is said."""
     timed = stop.time_to_stop is not None or stop.reason == StopReason.LINK_LOST.name.lower()
     return bool(stop.reason and stop.device) and timed
+
+
+def _stands(decision: Decision) -> bool:
+    return getattr(decision.command.motion, "v", 0.0) == 0.0
+
+
+def toward(
+    truths: Sequence[Truth], told: Told, near: float, who: Callable[[Truth], Sequence[Actor]]
+) -> float:
+    """The fastest speed told to drive at somebody seen nearer than `near` m for a while, m/s."""
+    fastest, since = 0.0, inf
+    for truth in truths:
+        ahead = [a for a in who(truth) if a.in_sight and a.distance < near and abs(a.bearing) < 0.7]
+        since = min(since, truth.stamp) if ahead else inf
+        if truth.stamp - since > NOTICED:
+            fastest = max(fastest, told.at(truth.stamp).v)
+    return fastest
 
 
 def _to_standstill(

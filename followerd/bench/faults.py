@@ -17,12 +17,12 @@ from followerd.bench.fault_runs import (
     FOLLOWING,
     GONE,
     HEAD,
-    HUNG,
     MOMENTS,
     Job,
     Outcome,
     run,
 )
+from followerd.bench.mishaps import JUMPS, MISHAPS
 from followerd.bench.report import Report
 from followerd.bench.rows import Row
 from followerd.bench.sweep import sweep
@@ -49,7 +49,13 @@ QUICK_KINDS = (FaultKind.OFF, FaultKind.STUCK, FaultKind.WRONG, FaultKind.DISCON
 BYTES = (FaultKind.GARBAGE, FaultKind.WRONG, FaultKind.DROP, FaultKind.FLIP,
          FaultKind.DUPLICATE, FaultKind.SPLIT)  # fmt: skip
 EARLY = (FaultKind.OFF, FaultKind.REBOOT)  # a port that is not there ends the start
-NUMBERS = {HUNG: "F1", "laser": "F2", "camera": "F3", "robot": "F4", GONE: "F14"}
+SILENT = (FaultKind.OFF, FaultKind.STUCK, FaultKind.GARBAGE, FaultKind.DISCONNECT,
+          FaultKind.REBOOT)  # fmt: skip # nothing fresh comes
+NUMBERS = {"laser": "F2", "camera": "F3", "robot": "F4", GONE: "F14"} | {
+    name: number for name, (number, _) in MISHAPS.items()
+}
+EVERYWHERE = ("F10", "F11", "F12", "F19")  # bounds that hold in every run
+MAP_PRESET = "stream_field-sim"  # of who lives by the map
 PERCENTILES: dict[str, Callable[[np.ndarray], float]] = {
     "p50": lambda times: float(np.percentile(times, 50)),
     "p99": lambda times: float(np.percentile(times, 99)),
@@ -72,12 +78,17 @@ def plan(seeds: int, *, quick: bool) -> list[Job]:
     jobs = [Job("none", SCENARIOS[k % 3], seed, NONE) for k, seed in enumerate(numbers)]
     jobs += mixed(FIRST_MIXED, QUICK_CHUNKS if quick else CHUNKS)
     kinds = QUICK_KINDS if quick else tuple(FaultKind)
-    names = [HUNG, GONE, *(f"{device}:{kind.value}" for device, kind in product(DEVICES, kinds))]
+    names = [
+        GONE,
+        *MISHAPS,
+        *(f"{device}:{kind.value}" for device, kind in product(DEVICES, kinds)),
+    ]
     moments = DRIVEN[1:2] if quick else DRIVEN
     for k, (seed, name, moment) in enumerate(product(numbers, names, moments)):
         is_head = name.startswith("ptz:")
-        place = (HEAD_SCENARIO, HEAD) if is_head else (SCENARIOS[k % 3], FOLLOWING)
-        jobs.append(Job(name, place[0], seed, None, moment, place[1]))
+        preset = HEAD if is_head else MAP_PRESET if name == JUMPS else FOLLOWING
+        scenario = HEAD_SCENARIO if is_head else SCENARIOS[k % 3]
+        jobs.append(Job(name, scenario, seed, None, moment, preset))
     early = [kind.value for kind in EARLY]
     names = [f"{device}:{kind}" for device, kind in product(DEVICES[:3], early)]
     starts = enumerate(product(numbers, names))
@@ -96,20 +107,28 @@ def groups(runs: Sequence[Run]) -> dict[str, list[Outcome]]:
     """Outcomes by F number (FAILSAFES) where the campaign has it, and by fault."""
     found: dict[str, list[Outcome]] = {}
     for job, outcome in runs:
-        device, _, kind = job.fault.partition(":")
-        if job.moment == "start-up":
-            names = ["F18"]
-        else:
-            names = [NUMBERS.get(job.fault) or NUMBERS.get(device, ""), job.fault]
-            if device in DEVICES and kind in [each.value for each in BYTES]:
-                names.append("F7")
-        if job.fault == "mixed":
-            names.append(f"mixed:{job.preset.removesuffix('-sim')}")
-        if job.fault == "mixed" or device == "camera":
-            names.append("F9")
-        for name in filter(None, (*names, "F10", "F19")):
+        for name in (*_names(job), *EVERYWHERE):
             found.setdefault(name, []).append(outcome)
     return dict(sorted(found.items(), key=lambda item: _order(item[0])))
+
+
+def _names(job: Job) -> list[str]:
+    """What a run is evidence of."""
+    if job.moment == "start-up":
+        return ["F18"]
+    names = [job.fault]
+    device, _, kind = job.fault.partition(":")
+    if device not in DEVICES:
+        names.append(NUMBERS.get(job.fault, ""))
+    elif device in NUMBERS and FaultKind(kind) in SILENT:
+        names.append(NUMBERS[device])
+    if device in DEVICES and FaultKind(kind) in BYTES:
+        names.append("F7")
+    if job.fault == "mixed":
+        names.append(f"mixed:{job.preset.removesuffix('-sim')}")
+    if job.fault == "mixed" or device == "camera":
+        names.append("F9")
+    return [name for name in names if name]
 
 
 def _order(name: str) -> tuple[int, str]:
@@ -136,6 +155,7 @@ def _figures(name: str, outcomes: Sequence[Outcome]) -> list[Row]:
         "standstill_max_s": (max(stands, default=None), "s"),
         "stop_distance_max_m": (max(ways, default=None), "m"),
         "stopped_percent": (100 * times.size / len(moved) if moved else None, "%"),
+        "resumed_m": (_sum(outcomes, "resumed"), "m"),
         "false_stops_per_hour": (_sum(outcomes, "false_stops") / hours if hours else None, "1/h"),
         "false_stop_percent": (share, "%"),
         "collisions": (_sum(outcomes, "collisions"), ""),
@@ -145,6 +165,11 @@ def _figures(name: str, outcomes: Sequence[Outcome]) -> list[Row]:
         "too_early_m": (_sum(outcomes, "too_early"), "m"),
         "following_h": (_sum(outcomes, "following") / 3600, "h"),
     }
+    if name == "F11":
+        figures["toward_person_max_mps"] = (max(o.toward_person for o in outcomes), "m/s")
+    if name == "F12":
+        figures["fastest_max_mps"] = (max(o.fastest for o in outcomes), "m/s")
+        figures["toward_others_max_mps"] = (max(o.toward_others for o in outcomes), "m/s")
     return [
         Row("faults", name, TRACKER, metric, value, unit, seeds=len(outcomes))
         for metric, (value, unit) in figures.items()

@@ -2,7 +2,8 @@
 
 Whole daemon and twins, laser at 38400 baud. Times count from the moment something is in the stop
 zone (nearer than the margin that the guard owes it) to the last byte of zero: of speed where the
-robot drives, of the turn where it turns on the spot.
+robot drives, of the turn where it turns on the spot. From then on it is to be held: nothing that
+the base is told may bring the robot nearer, neither on its way nor by turning.
 """
 
 import asyncio
@@ -10,23 +11,24 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from itertools import pairwise
-from math import cos, degrees, sin, tau
+from math import copysign, cos, degrees, radians, sin, tau
 
 import cv2
 import numpy as np
 
 from followerd import app, clock
 from followerd.bench.closed_loop import simulate
+from followerd.bench.false_stops import BROKEN
 from followerd.bench.report import Report
 from followerd.bench.rows import Row
 from followerd.bench.sweep import sweep
+from followerd.bench.told import Told
 from followerd.config import load
+from followerd.control.clearance import Footprint, time_to_contact
 from followerd.control.transitions import Action
 from followerd.events import Hand, Presence
 from followerd.geometry import Array, Pose2
-from followerd.hw.p2os.commands import Cmd
-from followerd.hw.p2os.protocol import Packet, PacketDecoder
-from followerd.messages import Twist
+from followerd.messages import Decision, Mode, StopReason, Twist
 from followerd.runtime import logs
 from followerd.runtime.daemon import Daemon
 from followerd.sim.place import outline
@@ -43,9 +45,11 @@ UNDER_WAY = 0.25  # m/s of a robot that follows
 ROOM = 1.4  # m to the person, so that something fits in between
 LATEST = 20.0  # s
 HEIGHT = 1.0  # m
-STOPS = (Cmd.STOP, Cmd.E_STOP)
-FRONT, REAR, HALF = 0.21, 0.30, 0.213  # m, of the robot
+BODY = Footprint(0.21, 0.30, 0.213)
 MARGIN, REAR_MARGIN = 0.65, 0.25  # m, a little less than the guard keeps
+TURN_MARGIN = radians(1.5)  # the same, of a turn that would touch
+DRIVING = (Mode.FOLLOWING, Mode.MANUAL)
+FALSE = BROKEN | {StopReason.OBSTACLE, StopReason.REAR_UNSEEN}  # before anything is in the way
 
 Thing = Block | Column
 Things = Callable[[float], list[Thing]]  # in `base` of the moment, s after it
@@ -79,9 +83,14 @@ class Scene:
     """What appears, in `base`, while the robot does what."""
 
     things: Things
-    hand: Twist | None = None  # that drives it; None = it follows somebody
+    hand: Twist | None = None  # that drives or turns it; None = it follows somebody
     dark: float = 0.0  # share of beams on the thing that come back with nothing
     zone_after: float = 0.0  # s until it is in the stop zone
+
+    @property
+    def turns(self) -> bool:
+        """Whether the robot turns on the spot."""
+        return self.hand is not None and self.hand.v == 0.0
 
 
 def _still(*things: Thing) -> Things:
@@ -144,6 +153,8 @@ class Outcome:
     time_to_stop: float | None  # s
     held: float  # share of the time in which something was in the stop zone, after the stop
     touched: bool
+    driven: float = 0.0  # s that it was to drive before anything was in the way
+    false_stop: float = 0.0  # s of them in which it was stopped
 
 
 def suite(executor: Executor, seeds: int, quick: bool) -> Report:
@@ -165,6 +176,8 @@ def rows(runs: Sequence[tuple[Job, Outcome]]) -> list[Row]:
             "time_to_stop_max_s": (max(times, default=None), "s"),
             "stopped_percent": (100.0 * len(times) / len(mine) if mine else None, "%"),
             "held_percent": (100.0 * float(np.mean([o.held for o in mine])) if mine else None, "%"),
+            "held_min_percent": (100.0 * min(o.held for o in mine) if mine else None, "%"),
+            "false_stop_percent": (_share(mine), "%"),
             "touched": (float(sum(o.touched for o in mine)), ""),
         }
         result += [
@@ -172,6 +185,11 @@ def rows(runs: Sequence[tuple[Job, Outcome]]) -> list[Row]:
             for metric, (value, unit) in figures.items()
         ]
     return result
+
+
+def _share(outcomes: Sequence[Outcome]) -> float | None:
+    driven = sum(o.driven for o in outcomes)
+    return 100.0 * sum(o.false_stop for o in outcomes) / driven if driven else None
 
 
 def run(job: Job) -> Outcome:
@@ -193,36 +211,49 @@ class Stage:
         self.rig = rig
         self._scene = scene
         self._rng = rng
-        self._tells = Cmd.RVEL if scene.hand is not None and scene.hand.v == 0.0 else Cmd.VEL
-        self._told: list[tuple[float, bool]] = []  # s of the last byte, whether it moves
-        self._blocked: list[float] = []  # s, when something was straight in the way
+        self._told = Told(BAUD)
+        self._seen: list[tuple[float, Array]] = []  # s; the thing's outline (N, 2) in `base`, m
+        self._before: list[tuple[float, bool]] = []  # s of a decision to drive; whether it stopped
         self._began: float | None = None  # s, in the stop zone
-        self._before = 0
-        self._after = 0
+        self._collisions = 0, 0  # then, and in the end
         self._tasks: list[asyncio.Future[None]] = []
 
     def attach(self, daemon: Daemon) -> None:
         """Begin."""
-        daemon.line_watchers.append(self._hear)
+        daemon.line_watchers.append(self._told.hear)
+        daemon.decision_watchers.append(self._note)
         self._tasks.append(asyncio.ensure_future(self._play(daemon)))
 
     def outcome(self) -> Outcome:
         """What came of it."""
         if self._began is None:
             return Outcome(False, None, 0.0, False)
-        began = self._began
-        since = [(t, moves) for t, moves in self._told if t >= began]
-        stops = [t for t, moves in since if not moves]
-        touched = self._after > self._before
-        if not stops:
-            return Outcome(True, None, 0.0, touched)
-        return Outcome(True, stops[0] - began, self._held(stops[0]), touched)
+        since = [(t, asked) for t, asked in self._told.history if t >= self._began]
+        stops = [t for t, asked in since if (asked.omega if self._scene.turns else asked.v) == 0.0]
+        steps = np.minimum(np.diff([t for t, _ in self._before]), 0.1)
+        stood = np.array([stopped for _, stopped in self._before[:-1]], bool)
+        return Outcome(
+            moved=True,
+            time_to_stop=stops[0] - self._began if stops else None,
+            held=self._held(stops[0]) if stops else 0.0,
+            touched=self._collisions[1] > self._collisions[0],
+            driven=float(steps.sum()),
+            false_stop=float(steps[stood].sum()),
+        )
 
     def _held(self, first: float) -> float:
         """Who has turned aside may drive on: only what is in the way now is to be stood before."""
-        blocked = [t for t in self._blocked if t > first]
-        moving = [max([told for told in self._told if told[0] <= t])[1] for t in blocked]
-        return 1.0 - sum(moving) / max(len(moving), 1)
+        meant = self._scene.hand or AHEAD
+        toward = []
+        for stamp, points in self._seen:
+            if stamp <= first:
+                continue
+            asked = self._told.at(stamp)
+            if self._scene.turns:  # what stands in the turn is in the zone until it is gone
+                toward.append(asked.omega * meant.omega > 0.0)
+            elif _is_in_way(points, meant) or any(_is_in_turn(points, side) for side in (1, -1)):
+                toward.append(_is_in_way(points, asked) or _is_in_turn(points, asked.omega))
+        return 1.0 - sum(toward) / max(len(toward), 1)
 
     async def _play(self, daemon: Daemon) -> None:
         await clock.sleep(READY + float(self._rng.uniform(0.0, 0.5)))
@@ -238,30 +269,19 @@ class Stage:
         while (time := clock.now() - begun) <= self._scene.zone_after + HELD:
             things = [_placed(thing, base) for thing in self._scene.things(time)]
             self.rig.world.put(*things)
-            if self._is_blocked(things):
-                self._blocked.append(clock.now())
+            outlines = np.concatenate([_edge(thing) for thing in things])
+            self._seen.append((clock.now(), (~self.rig.world.pose).apply(outlines)))
             if self._began is None and time >= self._scene.zone_after - STEP:
                 self._began = begun + self._scene.zone_after
-                self._before = self.rig.truths[-1].collisions
+                self._collisions = (self.rig.truths[-1].collisions,) * 2
             await clock.sleep(STEP)
-        self._after = self.rig.truths[-1].collisions
+        self._collisions = self._collisions[0], self.rig.truths[-1].collisions
 
     def _is_under_way(self) -> bool:
         truth, hand = self.rig.truths[-1], self._scene.hand
         if hand is None:
             return truth.twist.v > UNDER_WAY and truth.target.distance > ROOM
         return abs(truth.twist.v) + abs(truth.twist.omega) > 0.8 * (abs(hand.v) + abs(hand.omega))
-
-    def _is_blocked(self, things: Sequence[Thing]) -> bool:
-        """Whether one of them is within the margin straight in the way."""
-        world, hand = self.rig.world, self._scene.hand
-        if hand is not None and hand.v == 0.0:
-            return True
-        way = -1.0 if hand is not None and hand.v < 0.0 else 1.0
-        end, margin = (REAR, REAR_MARGIN) if way < 0.0 else (FRONT, MARGIN)
-        seen = (~world.pose).apply(np.concatenate([_edge(thing) for thing in things]))
-        along, aside = way * seen[:, 0], np.abs(seen[:, 1])
-        return bool(((aside < HALF) & (along > 0.0) & (along < end + margin)).any())
 
     def _darken(self) -> None:
         """From now on some beams on what is new give no echo."""
@@ -280,19 +300,26 @@ class Stage:
 
         vars(world)["ranges"] = seen
 
-    def _hear(self, device: str, data: bytes, now: float) -> None:
-        if device != "base-sent":
-            return
-        done = now + 10 * len(data) / BAUD
-        for packet in PacketDecoder().feed(data):
-            if packet.type in STOPS:
-                self._told.append((done, False))
-            elif packet.type == self._tells:
-                self._told.append((done, _moves(packet)))
+    def _note(self, decision: Decision) -> None:
+        if decision.mode in DRIVING and not self._seen:
+            why = {reason.stop for reason in decision.reasons if reason.full_stop}
+            self._before.append((decision.stamp, decision.command.stops and bool(why & FALSE)))
 
 
-def _moves(packet: Packet) -> bool:
-    return any(packet.payload[2:])
+def _is_in_way(points: Array, twist: Twist) -> bool:
+    """Whether the robot, keeping `twist`, would touch something within the margin."""
+    if twist.v == 0.0:
+        return False
+    margin = MARGIN if twist.v > 0.0 else REAR_MARGIN
+    return bool(abs(twist.v) * time_to_contact(points, twist, BODY).min() < margin)
+
+
+def _is_in_turn(points: Array, side: float) -> bool:
+    """Whether it would touch something if it turned on to a side (left positive)."""
+    if side == 0.0:
+        return False
+    angles = time_to_contact(points, Twist(0.0, copysign(1.0, side)), BODY)
+    return bool(angles.min() < TURN_MARGIN)
 
 
 def _edge(thing: Thing) -> Array:

@@ -143,7 +143,7 @@ class Guard:
             )
         return self._plausible
 
-    def _twist(self, wish: Wish, turned: float = 0.0) -> Twist:
+    def _twist(self, wish: Wish, turned: float) -> Twist:
         """The wish as speeds; `turned` is the angle since the report that a turn counts from."""
         if isinstance(wish, Twist):
             return wish
@@ -255,7 +255,7 @@ class Guard:
         """
         omega = twist.omega
         if omega != 0.0:
-            limit, why = self._way.free_turn(omega, obstacles), "beside the robot, in its turn"
+            limit, why = self._free_turn(omega, obstacles), "beside the robot, in its turn"
             omega = _slower(omega, limit, reasons, StopReason.OBSTACLE, "laser", why)
         v, why = self._along(twist.v, omega, omega, obstacles)
         if omega != 0.0 and abs(v) < abs(twist.v) < abs(capped.v):
@@ -266,6 +266,16 @@ class Guard:
                 v, omega, why = farther, eased, reason
         v = _slower(twist.v, abs(v), reasons, StopReason.OBSTACLE, "laser", why)
         return Twist(v, omega)
+
+    def _free_turn(self, omega: float, obstacles: Obstacles) -> float:
+        """The turn rate, rad/s, that the room on that side allows.
+
+        A robot that stands, or hardly turns, needs room for `start_degps`: it does not creep up to
+        its margin.
+        """
+        limit, slow = self._way.free_turn(omega, obstacles), radians(self.settings.start_degps)
+        stands = abs(self._approved.v) < self.settings.start_mps
+        return 0.0 if stands and max(limit, abs(self._approved.omega)) < slow else limit
 
     def _swept(
         self, turn: TurnBy, turned: float, obstacles: Obstacles, reasons: list[Reason]

@@ -23,6 +23,7 @@ class GuardSettings(Settings):
     accel_mps2: float = Field(0.5, gt=0, description="how fast a speed may grow")
     turn_accel_degps2: float = Field(100.0, gt=0)
     start_mps: float = Field(0.1, gt=0, description="a standing robot needs room for it")
+    start_degps: float = Field(10.0, gt=0, description="the same, for a turn on the spot")
     watchdog_s: float = Field(2.0, gt=0, description="the base's own, when we fall silent")
     blind_distance_m: float = Field(1.4, gt=0, description="farthest way in that time")
 
@@ -35,6 +36,7 @@ class GuardSettings(Settings):
     beside_m: float = Field(0.20, gt=0, description="something nearer to the sides slows")
     beside_speed_mps: float = Field(0.4, gt=0, description="past something that near")
     turn_margin_m: float = Field(0.04, ge=0, description="around the footprint, in turns")
+    blur_m: float = Field(0.015, ge=0, description="of returns: passed nearer is touched")
     turn_margin_deg: float = Field(2.0, ge=0, description="kept of the free angle")
 
     person_within_m: float = Field(1.2, gt=0, description="another person this near slows")

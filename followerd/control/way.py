@@ -22,6 +22,7 @@ class Way:
     def __init__(self, settings: GuardSettings) -> None:
         self.settings = settings
         self.body = Footprint(settings.front_m, settings.rear_m, settings.half_width_m)
+        self._blurred = self.body.grown(settings.blur_m, settings.blur_m)
 
     def reach(self, v: float) -> float:
         """How far from the robot's origin returns matter at speed `v`, m."""
@@ -62,13 +63,15 @@ class Way:
     def _contact(self, points: Array, twist: Twist, grown: Footprint) -> Array:
         """Seconds (N,) until the footprint `grown` by its margins touches each point.
 
-        What is inside the margins already counts when the bare footprint would touch it: the robot
-        may drive on past a door post, or away from it.
+        What is inside the margins already counts when the footprint would touch it, as far as the
+        laser can tell: the robot may drive on past a door post, or away from it.
         """
         time = time_to_contact(points, twist, grown)
-        inside = time == 0.0
-        if inside.any():
-            time[inside] = time_to_contact(points[inside], twist, self.body)
+        for smaller in (self._blurred, self.body):
+            inside = time == 0.0
+            if not inside.any():
+                break
+            time[inside] = time_to_contact(points[inside], twist, smaller)
         return time
 
     def _stopping_within(self, way: float) -> float:

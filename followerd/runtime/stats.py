@@ -31,7 +31,7 @@ class Stop:
         """As the summary lists it."""
         return {
             "reason": self.reason,
-            "device": self.device or None,
+            "device": self.device,
             "at_s": round(self.at - began, 3),
             "time_to_stop_s": None if self.time_to_stop is None else round(self.time_to_stop, 4),
         }
@@ -77,7 +77,8 @@ class Stats:
         if stops and self.moving:
             # without a reason to stop, the follow law wished to stand
             for reason in [r for r in decision.command.reasons if r.full_stop][:1]:
-                self.stops.append(Stop(reason.stop.name.lower(), reason.device, decision.stamp))
+                asked_by = reason.device or "operator"  # what no device asks for, they do
+                self.stops.append(Stop(reason.stop.name.lower(), asked_by, decision.stamp))
         self.moving = not stops
 
     def sent(self, command: Command, stamp: float) -> None:
