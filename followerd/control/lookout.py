@@ -29,7 +29,7 @@ NOTHING = 0.9  # unseen: as good as all of it
 class LookoutSettings(Settings):
     """What is looked at, and what a place costs."""
 
-    horizon_s: float = Field(4.0, gt=0, description="where the person may be by then is looked at")
+    horizon_s: float = Field(5.5, gt=0, description="where the person may be by then is looked at")
     speed_mps: float = Field(0.5, gt=0, description="at which the robot gets to a place")
     turn_radps: float = Field(1.0, gt=0, description="and turns there")
     field_deg: float = Field(87.0, gt=0, le=180, description="what is farther aside is not seen")
