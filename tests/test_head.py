@@ -155,3 +155,23 @@ def test_the_lasers_distance_stands_in_for_a_depth_image(walk: list[Frame]) -> N
     state = one.step(second.image, None, Place(depth, 0.0))
     assert state is not None
     assert state.range == pytest.approx(depth, rel=0.12)
+
+
+def test_one_image_without_depth_does_not_make_the_wall_behind_the_head() -> None:
+    """The head moves by its own half width in that image, so that most of it shows the wall."""
+    first, *rest = list(Walk(8, np.random.default_rng(5409)))
+    assert rest[1].image.depth is None
+    states = follow(HeadTracker(HeadSettings(), np.random.default_rng([5409, 1])), [first, *rest])
+    for frame, state in zip(rest, states[1:], strict=True):
+        assert state.box is not None
+        assert abs(state.box.centre[0] - frame.head.x) < 0.5 * frame.head.a
+
+
+@pytest.mark.slow
+def test_a_door_like_skin_does_not_hold_a_head_that_turns_and_goes_on() -> None:
+    walk = list(Walk(345, np.random.default_rng(5410)))
+    one = HeadTracker(HeadSettings(), np.random.default_rng([5410, 1]))
+    states = follow(one, walk)
+    for frame, state in zip(walk[310:], states[310:], strict=True):
+        assert state.box is not None
+        assert np.hypot(*np.subtract(state.box.centre, (frame.head.x, frame.head.y))) < frame.head.a
