@@ -157,14 +157,14 @@ def test_the_lasers_distance_stands_in_for_a_depth_image(walk: list[Frame]) -> N
     assert state.range == pytest.approx(depth, rel=0.12)
 
 
-def test_one_image_without_depth_does_not_make_the_wall_behind_the_head() -> None:
-    """The head moves by its own half width in that image, so that most of it shows the wall."""
-    first, *rest = list(Walk(8, np.random.default_rng(5409)))
-    assert rest[1].image.depth is None
-    states = follow(HeadTracker(HeadSettings(), np.random.default_rng([5409, 1])), [first, *rest])
-    for frame, state in zip(rest, states[1:], strict=True):
+@pytest.mark.parametrize("seed", [5409, 5442, 5451])
+def test_a_head_that_hurries_before_a_wall_is_not_taken_for_the_wall(seed: int) -> None:
+    """From the start it goes by its half width from image to image; one of 5409 has no depth."""
+    first, *rest = list(Walk(10, np.random.default_rng(seed)))
+    one = HeadTracker(HeadSettings(), np.random.default_rng([seed, 1]))
+    for frame, state in zip(rest, follow(one, [first, *rest])[1:], strict=True):
         assert state.box is not None
-        assert abs(state.box.centre[0] - frame.head.x) < 0.5 * frame.head.a
+        assert abs(state.box.centre[0] - frame.head.x) < 0.75 * frame.head.a
 
 
 @pytest.mark.slow

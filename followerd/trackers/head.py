@@ -19,7 +19,7 @@ from followerd.trackers.head_looks import HeadLooks, Look
 from followerd.trackers.head_settings import HeadSettings
 
 LONGEST_GAP = 0.5  # s between frames; after a longer one nothing is foreseen
-DEPTH_KEPT = 0.5  # s that a depth is expected again after the camera had none
+DEPTH_KEPT = 0.5  # s that a depth is expected again after the camera had none, or a wall's
 CONFIRM_AFTER = 0.2  # s of being sure
 PAPER_ASPECT = 1.2  # height over width of an ellipse
 ASPECTS = 0.9, 1.7  # of those drawn around heads
@@ -98,13 +98,15 @@ class HeadTracker:
         cloud.predict(dt, looks.head.a, (image.pixels.shape[1], image.pixels.shape[0]))
         x, y = cloud.mean[:2].tolist()
         looks.move(x, y)
-        depth = self._measured(image, looks.head, place)
+        seen = self._measured(image, looks.head, place)
+        depth = self._believed(seen, image.stamp)
         size = None if depth is None else self._half_width * image.camera.fx / depth
         look = looks.look(image, cloud, size, depth, dt)
         if look.confidence >= 0.5:
             self._sure, self._unsure = self._sure + dt, 0.0
-            steady = depth is None or self._depth is None or abs(depth - self._depth) < SAME_DEPTH
-            self._remember(depth, image.stamp)
+            steady = seen is None or self._depth is None or abs(seen - self._depth) < SAME_DEPTH
+            if depth is None or depth == seen:
+                self._depth, self._depth_at = depth, image.stamp
             if look.good and steady:
                 looks.learn(dt)
         else:
@@ -113,11 +115,11 @@ class HeadTracker:
             self._search(image, looks)
         return self._state(image, ego, self._phase(look), look.confidence)
 
-    def _remember(self, depth: float | None, stamp: float) -> None:
-        if depth is not None:
-            self._depth, self._depth_at = depth, stamp
-        elif stamp - self._depth_at > DEPTH_KEPT:
-            self._depth = None
+    def _believed(self, seen: float | None, stamp: float) -> float | None:
+        """The depth that is `seen`, or that of a moment ago if nobody walks from there to it."""
+        if self._depth is None or stamp - self._depth_at > DEPTH_KEPT:
+            return seen
+        return seen if seen is not None and abs(seen - self._depth) < SAME_DEPTH else self._depth
 
     def _measured(self, image: Image, head: Ellipse, place: Place | None) -> float | None:
         """Depth of the head along the axis, m, by the depth image or another sensor."""

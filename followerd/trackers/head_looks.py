@@ -24,6 +24,7 @@ MORE_SIZES = 1.0 - 2.0 * LARGER, *SIZES, 1.0 + 2.0 * LARGER  # without a depth
 GRID_STEP = 0.06  # of half the width, between the places near the particles' mean
 GRID = np.mgrid[-4:5, -4:5].reshape(2, -1).T.astype(float)
 ATTRACTED = 0.2  # share of the particles drawn anew at the best of them
+PACED = 0.5  # share of what it moved beside its expected way that is taken for speed
 FIT = 0.12  # s, over which the size by colours and outline is averaged, without a depth
 GROW = 0.2  # share of the growth by the template that is believed
 LIKE, SHARP = 0.35, 0.15  # intersection and gradient below which it is no longer the head
@@ -91,7 +92,8 @@ class HeadLooks:
         a = float(cloud.weights @ widths)
         if self._ours:
             x, y = self._refined(x, y, a, view)
-            cloud.attract(x, y, a, ATTRACTED)
+            pace = PACED * (x - self.head.x) / dt, PACED * (y - self.head.y) / dt
+            cloud.attract(x, y, a, ATTRACTED, pace)
             a = self._cues.size(x, y, sizes)
             if size is None:
                 by_template = (
