@@ -167,11 +167,12 @@ def test_a_head_that_hurries_before_a_wall_is_not_taken_for_the_wall(seed: int) 
         assert abs(state.box.centre[0] - frame.head.x) < 0.75 * frame.head.a
 
 
+# before a door like skin while it turns; in another light while the template is sure
 @pytest.mark.slow
-def test_a_door_like_skin_does_not_hold_a_head_that_turns_and_goes_on() -> None:
-    walk = list(Walk(345, np.random.default_rng(5410)))
-    one = HeadTracker(HeadSettings(), np.random.default_rng([5410, 1]))
-    states = follow(one, walk)
+@pytest.mark.parametrize("seed", [5410, 5476])
+def test_what_colours_say_alone_does_not_lose_it(seed: int) -> None:
+    walk = list(Walk(345, np.random.default_rng(seed)))
+    states = follow(HeadTracker(HeadSettings(), np.random.default_rng([seed, 1])), walk)
     for frame, state in zip(walk[310:], states[310:], strict=True):
         assert state.box is not None
         assert np.hypot(*np.subtract(state.box.centre, (frame.head.x, frame.head.y))) < frame.head.a
