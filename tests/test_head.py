@@ -155,3 +155,24 @@ def test_the_lasers_distance_stands_in_for_a_depth_image(walk: list[Frame]) -> N
     state = one.step(second.image, None, Place(depth, 0.0))
     assert state is not None
     assert state.range == pytest.approx(depth, rel=0.12)
+
+
+@pytest.mark.parametrize("seed", [5409, 5442, 5451])
+def test_a_head_that_hurries_before_a_wall_is_not_taken_for_the_wall(seed: int) -> None:
+    """From the start it goes by its half width from image to image; one of 5409 has no depth."""
+    first, *rest = list(Walk(10, np.random.default_rng(seed)))
+    one = HeadTracker(HeadSettings(), np.random.default_rng([seed, 1]))
+    for frame, state in zip(rest, follow(one, [first, *rest])[1:], strict=True):
+        assert state.box is not None
+        assert abs(state.box.centre[0] - frame.head.x) < 0.75 * frame.head.a
+
+
+# before a door like skin while it turns; in another light while the template is sure
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [5410, 5476])
+def test_what_colours_say_alone_does_not_lose_it(seed: int) -> None:
+    walk = list(Walk(345, np.random.default_rng(seed)))
+    states = follow(HeadTracker(HeadSettings(), np.random.default_rng([seed, 1])), walk)
+    for frame, state in zip(walk[310:], states[310:], strict=True):
+        assert state.box is not None
+        assert np.hypot(*np.subtract(state.box.centre, (frame.head.x, frame.head.y))) < frame.head.a

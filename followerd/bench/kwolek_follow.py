@@ -43,7 +43,7 @@ SPEEDS = {  # m/s, of the person
     "office": (0.25,),
 }
 SURE_SPEED = 0.6  # m/s, at which most runs are made
-FIRST_SEED = 5420  # seeds below serve for tuning (some of 5400 to 5419 did)
+FIRST_SEED = 5460  # seeds below serve for tuning
 MOST_SEEDS, FEW_SEEDS = 10, 2  # at that speed, and at every other
 DURATION, QUICK_DURATION = 35.0, 12.0  # s
 REFERENCE = 1.6  # m

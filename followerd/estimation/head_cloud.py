@@ -61,12 +61,18 @@ class HeadCloud:
         weights = np.exp(logs - logs.max())
         self.weights = weights / weights.sum()
 
-    def attract(self, x: float, y: float, a: float, share: float) -> None:
-        """Draw a share of the particles anew at (x, y); they weigh that share together."""
+    def attract(
+        self, x: float, y: float, a: float, share: float, pace: tuple[float, float]
+    ) -> None:
+        """Draw a share of the particles anew at (x, y), as much faster as `pace` says, px/s.
+
+        They weigh that share together.
+        """
         some = slice(0, None, max(round(1.0 / share), 1))
         count = len(self.particles[some])
         spread = ATTRACTION * a * self._rng.standard_normal((count, 2))
         self.particles[some, :2] = spread + (x, y)
+        self.particles[some, 2:] += pace
         self.weights *= 1.0 - share
         self.weights[some] = share / count
         self.weights /= self.weights.sum()

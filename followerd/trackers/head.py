@@ -4,7 +4,7 @@ Profile `paper` is the published system, with what it leaves open as Birchfield 
 `default` also works where the light is switched on, in grey and in thermal images.
 """
 
-from math import hypot
+from math import hypot, inf
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from followerd.trackers.head_looks import HeadLooks, Look
 from followerd.trackers.head_settings import HeadSettings
 
 LONGEST_GAP = 0.5  # s between frames; after a longer one nothing is foreseen
+DEPTH_KEPT = 0.5  # s that a depth is expected again after the camera had none, or a wall's
 CONFIRM_AFTER = 0.2  # s of being sure
 PAPER_ASPECT = 1.2  # height over width of an ellipse
 ASPECTS = 0.9, 1.7  # of those drawn around heads
@@ -47,6 +48,7 @@ class HeadTracker:
         self._cloud = HeadCloud(self.settings.count, self.settings.profile == "default", self._rng)
         self._last: tuple[float, Pose2 | None] | None = None  # stamp, odom_from_base
         self._depth: float | None = None  # m along the axis
+        self._depth_at = -inf  # s
         self._half_width = HEAD  # m
         self._sure = self._unsure = 0.0  # s
 
@@ -68,6 +70,7 @@ class HeadTracker:
         if self.settings.depth:
             self._depth = head_depth(seen, head, None)
         if self._depth is not None:
+            self._depth_at = seen.stamp
             self._half_width = min(max(head.a * self._depth / seen.camera.fx, HEADS[0]), HEADS[1])
         return self._state(seen, ego, TrackPhase.TENTATIVE, 1.0)
 
@@ -95,13 +98,15 @@ class HeadTracker:
         cloud.predict(dt, looks.head.a, (image.pixels.shape[1], image.pixels.shape[0]))
         x, y = cloud.mean[:2].tolist()
         looks.move(x, y)
-        depth = self._measured(image, looks.head, place)
+        seen = self._measured(image, looks.head, place)
+        depth = self._believed(seen, image.stamp)
         size = None if depth is None else self._half_width * image.camera.fx / depth
         look = looks.look(image, cloud, size, depth, dt)
         if look.confidence >= 0.5:
             self._sure, self._unsure = self._sure + dt, 0.0
-            steady = depth is None or self._depth is None or abs(depth - self._depth) < SAME_DEPTH
-            self._depth = depth
+            steady = seen is None or self._depth is None or abs(seen - self._depth) < SAME_DEPTH
+            if depth is None or depth == seen:
+                self._depth, self._depth_at = depth, image.stamp
             if look.good and steady:
                 looks.learn(dt)
         else:
@@ -109,6 +114,12 @@ class HeadTracker:
             cloud.still()
             self._search(image, looks)
         return self._state(image, ego, self._phase(look), look.confidence)
+
+    def _believed(self, seen: float | None, stamp: float) -> float | None:
+        """The depth that is `seen`, or that of a moment ago if nobody walks from there to it."""
+        if self._depth is None or stamp - self._depth_at > DEPTH_KEPT:
+            return seen
+        return seen if seen is not None and abs(seen - self._depth) < SAME_DEPTH else self._depth
 
     def _measured(self, image: Image, head: Ellipse, place: Place | None) -> float | None:
         """Depth of the head along the axis, m, by the depth image or another sensor."""
@@ -142,7 +153,7 @@ class HeadTracker:
             return TrackState(image.stamp, TrackPhase.LOST, min(confidence, 0.49), image.id)
         head, camera = self._looks.head, image.camera
         depth, share = self._depth, DEPTH_SHARE
-        if depth is None or image.depth is None:
+        if depth is None or image.depth is None or self._depth_at < image.stamp:
             depth, share = self._half_width * camera.fx / head.a, SIZE_SHARE
         right, down = (head.x - 0.5 - camera.cx) / camera.fx, (head.y - 0.5 - camera.cy) / camera.fy
         way = np.array([right, down, 1.0]) @ camera.axes

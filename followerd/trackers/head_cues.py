@@ -12,7 +12,7 @@ from followerd.perception.hotspot import grey_of
 from followerd.trackers.head_settings import HeadSettings
 
 OUTLINE_SHARE = 0.5  # weight of the gradient beside the colours
-DEPTH_SHARE = 0.5  # same, of the share that is as far away as the head should be
+DEPTH_SHARE = 1.0  # same, of the share that is as far away: what stands behind is no head
 TRUST, MINMAX_TRUST = 30.0, 20.0  # log weight of a full score; of one stretched over the cloud
 BESIDE = np.mgrid[-1:2, -1:2].reshape(2, -1).T.astype(float)
 BESIDE_STEP = 0.06  # of half the width

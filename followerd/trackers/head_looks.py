@@ -24,10 +24,12 @@ MORE_SIZES = 1.0 - 2.0 * LARGER, *SIZES, 1.0 + 2.0 * LARGER  # without a depth
 GRID_STEP = 0.06  # of half the width, between the places near the particles' mean
 GRID = np.mgrid[-4:5, -4:5].reshape(2, -1).T.astype(float)
 ATTRACTED = 0.2  # share of the particles drawn anew at the best of them
+PACED = 0.5  # share of what it moved beside its expected way that is taken for speed
 FIT = 0.12  # s, over which the size by colours and outline is averaged, without a depth
 GROW = 0.2  # share of the growth by the template that is believed
 LIKE, SHARP = 0.35, 0.15  # intersection and gradient below which it is no longer the head
 ALIKE, SAME = 0.42, 0.4  # same, of the template's answer and its identity
+VOUCHED = 1.5  # times `ALIKE` and `SAME`, from which colours do not refute it
 LEARN = 0.5  # intersection from which colours are learnt
 NOTICE = 0.3  # s, over which scores are averaged
 LEAST_SIZE, LARGEST_SIZE = 0.2, 5.0  # of the size when enrolled
@@ -91,7 +93,8 @@ class HeadLooks:
         a = float(cloud.weights @ widths)
         if self._ours:
             x, y = self._refined(x, y, a, view)
-            cloud.attract(x, y, a, ATTRACTED)
+            pace = PACED * (x - self.head.x) / dt, PACED * (y - self.head.y) / dt
+            cloud.attract(x, y, a, ATTRACTED, pace)
             a = self._cues.size(x, y, sizes)
             if size is None:
                 by_template = (
@@ -179,6 +182,8 @@ class HeadLooks:
             now[1:] = 2.0, answer / ALIKE, identity / SAME  # an outline fades in the dark
             if self._cues.is_grey:
                 now[0] = 2.0  # grey levels alone say little
+            elif now[2:].min() >= VOUCHED:
+                now[0] = max(now[0], 1.0)  # in another light, from another side
         self._scores += (1.0 - exp(-dt / NOTICE)) * (np.minimum(now, 2.0) - self._scores)
         confidence = 0.5 * float(self._scores.min())
         good = confidence >= 0.5
