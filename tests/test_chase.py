@@ -58,6 +58,15 @@ def test_small_changes_are_not_worth_telling_but_a_turn_back_is() -> None:
     assert one.is_news(-8)
 
 
+def test_a_newer_goal_is_judged_by_the_last_measurement_and_the_speed_it_showed() -> None:
+    one = chase(Goal(400, 0.0, 0.0))
+    one.speed(0, 0.0, 0.0)
+    one.told = one.speed(40, 0.1, 0.1)  # at 400 steps/s
+    assert not one.turns_back(one.speed(40, 0.1, 0.12))
+    one.goal = Goal(60, 0.0, 0.1)
+    assert one.turns_back(one.speed(40, 0.1, 0.15))
+
+
 def follows(paced: bool, speed_dps: float, baud: int) -> float:
     """Mean error, deg, behind a goal that swings at `speed_dps` at most."""
     off: list[float] = []
