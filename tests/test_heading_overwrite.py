@@ -122,7 +122,7 @@ def test_the_head_keeps_pace_with_the_bases_turn() -> None:
 
 @pytest.mark.parametrize(
     ("seen_deg", "leans_deg"),
-    [(10.0, 0.0), (12.5, 0.0), (18.0, 4.0), (40.0, 6.0), (2.0, -4.0), (-350.0, 0.0)],
+    [(10.0, 0.0), (12.5, 0.0), (18.0, 4.8), (40.0, 6.0), (2.0, -4.8), (-350.0, 0.0)],
 )
 def test_the_head_leans_to_a_sight_that_may_be_wrong_but_not_far(
     seen_deg: float, leans_deg: float

@@ -17,7 +17,7 @@ from followerd.settings import Settings
 
 RATE_OVER = 0.1  # s, over which the person's turn rate is foreseen
 DOUBTED = radians(3.0)  # of a sight from where the person is held to be
-LEAN = 0.5  # share of the way to it
+LEAN = 0.6  # share of the way to it
 
 
 class HeadingOverwriteSettings(Settings):
@@ -34,7 +34,7 @@ class HeadingOverwriteSettings(Settings):
     )
     tilt_deg: float = Field(0.0, ge=-30, le=90, description="of the head")
     doubt_deg: float = Field(
-        6.0, ge=0, le=20, description="the head leans so far at most to a sight that is doubted"
+        8.0, ge=0, le=20, description="the head leans so far at most to a sight that is doubted"
     )
     dead_band_deg: float = Field(0.5, ge=0, le=20, description="smaller turns are left out")
     latency_s: float = Field(0.12, ge=0, le=0.5, description="until the base begins to turn")
