@@ -104,8 +104,10 @@ def _daemon(job: Job, config: Config, rig: Rig, stage: Stage) -> Daemon:
     camera, noise = app.equipment(config).camera, np.random.default_rng([job.seed, 5])
     eye = Eye(stage, camera, job.target, noise)
     by_head = job.actuator == "head"
-    turn: dict[str, Any] = {} if by_head else {"turn": job.actuator}
-    law = HeadingOverwriteSettings(head=by_head, turn_only=True, **turn)
+    changes: dict[str, Any] = {} if by_head else {"turn": job.actuator}
+    if job.law == "oracle":
+        changes["doubt_deg"] = 0.0  # it knows which sights are wrong
+    law = HeadingOverwriteSettings(head=by_head, turn_only=True, **changes)
     controller = (Queueing if job.law == "queue" else HeadingOverwrite)(law)
     kind = "imm_pda" if job.law in ("oracle", "queue") else job.law
     settings = app.pipeline_settings(config)
