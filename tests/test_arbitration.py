@@ -157,6 +157,18 @@ def test_a_burst_elsewhere_moves_ours_little_and_a_new_place_is_taken_in_time() 
     assert degrees(imm.ahead(T)[0]) == pytest.approx(25.0, abs=1.5)
 
 
+@pytest.mark.parametrize(("kind", "least", "most"), [("pf", 0.0, 0.5), ("pf_paper", 3.0, 25.0)])
+def test_the_papers_particles_swing_for_a_second_after_wrong_looks_and_ours_do_not(
+    kind: Kind, least: float, most: float
+) -> None:
+    filter_ = predictor(kind, radians(0.7), np.random.default_rng(0))
+    off = []
+    for k in range(36):
+        filter_.step(look(k, 2.5 * k - (25.0 if k in (20, 21, 22) else 0.0), head=2.5 * k - 12.0))
+        off.append(abs(degrees(filter_.ahead(0.0)[0]) - 2.5 * k))
+    assert least < np.mean(off[23:]) < most
+
+
 def test_whoever_turns_back_suddenly_is_believed_at_the_second_look() -> None:
     """A look too far ahead makes the rate too high, and looks on the way back doubtful."""
     imm = predictor("imm_pda", radians(0.8), np.random.default_rng(0))
@@ -177,7 +189,7 @@ def test_a_warm_thing_that_was_seen_in_bursts_is_known_when_the_target_comes_nea
             imm.step(look(k, 5.0, head=0.0))
         return abs(degrees(imm.ahead(T)[0]) - (60.0 - 2.0 * 33))
 
-    assert error(known=True) < 0.5 * error(known=False)
+    assert error(known=True) < 0.7 * error(known=False)
 
 
 def test_one_doubted_look_suffices_where_that_is_asked_for() -> None:

@@ -38,7 +38,8 @@ def scene(
     **more: Any,
 ) -> Scene:
     base = Pose2(theta=radians(heading_deg))
-    return Scene(now, base, Twist(), sight=Sight(now, 0.0), foresee=foresee, **more)
+    sight = Sight(now, foresee(now) or 0.0)
+    return Scene(now, base, Twist(), **{"sight": sight, "foresee": foresee, **more})
 
 
 def test_the_turn_ends_where_the_person_will_be_when_the_base_gets_there() -> None:
@@ -117,6 +118,20 @@ def test_the_head_keeps_pace_with_the_bases_turn() -> None:
     assert look is not None
     assert degrees(look.pan) == pytest.approx(-4.0)
     assert look.rate == pytest.approx(radians(-40.0))
+
+
+@pytest.mark.parametrize(
+    ("seen_deg", "leans_deg"),
+    [(10.0, 0.0), (12.5, 0.0), (18.0, 4.8), (40.0, 6.0), (2.0, -4.8), (-350.0, 0.0)],
+)
+def test_the_head_leans_to_a_sight_that_may_be_wrong_but_not_far(
+    seen_deg: float, leans_deg: float
+) -> None:
+    look = law(head=True, doubt_deg=6.0).look(
+        scene(turning(10.0), sight=Sight(0.0, radians(seen_deg)))
+    )
+    assert look is not None
+    assert degrees(look.pan) == pytest.approx(10.0 + leans_deg)
 
 
 def test_the_head_is_told_nothing_new_for_less_than_the_dead_band() -> None:

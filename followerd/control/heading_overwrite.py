@@ -16,6 +16,8 @@ from followerd.messages import LookAt, TurnBy, Twist, Wish
 from followerd.settings import Settings
 
 RATE_OVER = 0.1  # s, over which the person's turn rate is foreseen
+DOUBTED = radians(3.0)  # of a sight from where the person is held to be
+LEAN = 0.6  # share of the way to it
 
 
 class HeadingOverwriteSettings(Settings):
@@ -31,6 +33,9 @@ class HeadingOverwriteSettings(Settings):
         " its middle",
     )
     tilt_deg: float = Field(0.0, ge=-30, le=90, description="of the head")
+    doubt_deg: float = Field(
+        8.0, ge=0, le=20, description="the head leans so far at most to a sight that is doubted"
+    )
     dead_band_deg: float = Field(0.5, ge=0, le=20, description="smaller turns are left out")
     latency_s: float = Field(0.12, ge=0, le=0.5, description="until the base begins to turn")
     head_latency_s: float = Field(0.1, ge=0, le=0.5, description="until the head gets there")
@@ -80,11 +85,22 @@ class HeadingOverwrite:
         if not s.head or direction is None:
             return None
         turning = scene.twist.omega
-        pan = wrap_angle(direction - scene.base.theta - turning * later)
+        pan = wrap_angle(direction + self._lean(scene) - scene.base.theta - turning * later)
         if self._looked is not None and abs(wrap_angle(pan - self._looked.pan)) <= band:
             return self._looked
         self._looked = LookAt(pan, radians(s.tilt_deg), -turning)
         return self._looked
+
+    def _lean(self, scene: Scene) -> float:
+        """Towards a newest sight that is not believed: between both, neither is out of view."""
+        seen = scene.sight
+        believed = None if seen is None else scene.foresee(seen.stamp)
+        if seen is None or believed is None:
+            return 0.0
+        aside = wrap_angle(seen.pan - believed)
+        if abs(aside) <= DOUBTED:
+            return 0.0
+        return _within(LEAN * aside, radians(self.settings.doubt_deg))
 
     def _to_heading(self, target: Target, scene: Scene) -> float:
         """The turn from the newest report's heading.

@@ -23,7 +23,10 @@ class Pf:
         floor: float = 1e-4,
         fresh: int = 2,
     ) -> None:
-        """`floor` is the least likelihood of a particle, `fresh` are drawn anew at each look."""
+        """`floor` is the least likelihood of a particle, `fresh` are drawn anew at each look.
+
+        The paper has neither: its cloud is led away by wrong looks and stays there.
+        """
         self._rng, self._count, self._accel, self._sigma = rng, count, accel, sigma
         self._floor, self._fresh = floor, fresh
         self._stamp = 0.0
@@ -49,8 +52,10 @@ class Pf:
             drawn[:, 0] += z
             self._cloud[:, :, : self._fresh] = drawn
         self._stamp = look.stamp
-        off = (self._cloud[:, 0] - z) / self._sigma
-        weights = np.exp(-0.5 * off * off) + self._floor
+        squares = np.square((self._cloud[:, 0] - z) / self._sigma)
+        if not self._floor:
+            squares -= squares.min(axis=1, keepdims=True)  # or far from all, none has any weight
+        weights = np.exp(-0.5 * squares) + self._floor
         weights /= weights.sum(axis=1, keepdims=True)
         self._mean = (self._cloud * weights[:, None]).sum(axis=2)
         combs = (np.arange(n) + rng.random()) / n

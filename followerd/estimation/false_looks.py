@@ -3,6 +3,7 @@
 from math import exp, pi, sqrt
 
 MOST = 4  # places that are remembered
+KNOWN = 3.0  # times as probable is a false look where one was before
 AGAIN = 0.4  # probability that a false look is followed by one at the same place
 SAME = 4.0  # deviations, within which two looks show the same place
 
@@ -27,7 +28,7 @@ class FalseLooks:
         """Of a false look at `z`, rad; per rad, times the probability that a look is false."""
         density = self._anywhere
         for place in self._places:
-            density += self._share * self._near(z - place)
+            density += KNOWN * self._share * self._near(z - place)
         if self._last is not None:
             density += AGAIN * self._near(z - self._last)
         return density

@@ -23,7 +23,7 @@ class ForesightSettings(Settings):
         4, ge=1, description="sights in a row elsewhere that are believed, by imm_pda"
     )
     reach_s: float = Field(
-        0.2,
+        0.27,
         gt=0,
         le=1,
         description="farther ahead nobody is foreseen: they are looked for where last seen",

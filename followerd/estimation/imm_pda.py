@@ -7,7 +7,7 @@ from followerd.estimation.direction_kf import Axis
 from followerd.estimation.false_looks import FalseLooks
 from followerd.estimation.pan_flow import Pair
 
-SLOWS = 0.4  # s, in which a target that is not seen may turn back: what is known of its rate fades
+SLOWS = 0.1  # s, in which a target that is not seen may turn back: what is known of its rate fades
 MOVES = 4.2  # sigmas between doubted looks, from which they show something that moves
 AGREE = 6.0, radians(4.0)  # sigmas, and rad besides, between doubted looks of the same thing
 RATE = radians(10.0)  # rad/s, deviation of the rate of what was doubted
@@ -23,9 +23,9 @@ class ImmPda:
     def __init__(
         self,
         calm: float = radians(20.0),
-        agile: float = radians(400.0),
+        agile: float = radians(600.0),
         sigma: float = radians(0.7),
-        stay: float = 0.97,
+        stay: float = 0.85,
         clutter: float = 0.03,
         field: float = radians(60.0),
         agreeing: int = 4,

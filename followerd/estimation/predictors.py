@@ -11,7 +11,7 @@ from followerd.estimation.direction_kf import Kf
 from followerd.estimation.direction_pf import Pf
 from followerd.estimation.imm_pda import ImmPda
 
-Kind = Literal["kf", "of", "ofkf", "pf", "imm_pda"]
+Kind = Literal["kf", "of", "ofkf", "pf", "pf_paper", "imm_pda"]
 
 
 def predictor(kind: Kind, sigma: float, rng: np.random.Generator, agreeing: int = 4) -> Predictor:
@@ -28,5 +28,7 @@ def predictor(kind: Kind, sigma: float, rng: np.random.Generator, agreeing: int 
             return OfKf(sigma=sigma)
         case "pf":
             return Pf(rng, sigma=sigma)
+        case "pf_paper":
+            return Pf(rng, sigma=sigma, floor=0.0, fresh=0)
         case "imm_pda":
             return ImmPda(sigma=sigma, agreeing=agreeing)

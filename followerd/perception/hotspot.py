@@ -20,6 +20,7 @@ REST, STEP = 80.0, 50.0  # evened levels: of the middle, and per e-fold above or
 HOT = 2.0  # deviations above the middle
 FULL = 6.0  # same: warmer is no more salient, or a lamp would outweigh a person
 GAP = 0.15  # of the image's height that one warm body's parts lie apart
+ROWS = 240  # that suffice for a column
 SMALLEST = 12  # px of the reduced image, area of a warm region
 
 
@@ -76,7 +77,8 @@ def salient_column(even: Pixels, width: float, within: Box | None = None) -> Col
     """Where a body `width` px wide is warmest in `within` (None: the whole image), to a fraction
     of a pixel; None where nothing is hot."""
     rows, columns = _part(even, within)
-    part = even[rows, columns]
+    step = max((rows.stop - rows.start) // ROWS, 1)
+    part = even[rows.start : rows.stop : step, columns]
     if part.shape[0] < 1 or part.shape[1] < 3:
         return None
     hot = warmth(part)
@@ -92,7 +94,7 @@ def salient_column(even: Pixels, width: float, within: Box | None = None) -> Col
     profile = hot[:, max(best - half, 0) : best + half + 1].sum(axis=1, dtype=np.float64)
     y = float(profile @ (np.arange(profile.size) + 0.5) / max(profile.sum(), 1e-9))
     share = float(smooth[best]) / (255.0 * part.shape[0])
-    return Column(columns.start + x, rows.start + y, share)
+    return Column(columns.start + x, rows.start + step * y, share)
 
 
 def hot_regions(even: Pixels, most: int) -> Array:
