@@ -43,7 +43,8 @@ class Scribe:
                 stdout=DEVNULL,
                 env={**os.environ, "PYTHONPATH": search},
                 pass_fds=[theirs.fileno()],
-                start_new_session=True,  # a Ctrl-C is the daemon's; this one ends after it
+                # a Ctrl-C is the daemon's; in a session of its own niceness would count for nothing
+                process_group=0,
             )
         self._out = self._ours.makefile("wb", BUFFER)
         pickle.dump((path, settings, dict(about), epoch), self._out, pickle.HIGHEST_PROTOCOL)
