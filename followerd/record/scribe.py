@@ -1,6 +1,6 @@
 """A process of its own that writes a recording: JSON and compression there hold nobody up here.
 
-The daemon only pickles its nouns, which takes a tenth of the time and of the interpreter's lock.
+The daemon only pickles its nouns: a third of the time, and little of it with the interpreter held.
 When the daemon is killed the scribe still finishes the file. Run as a script by `Scribe`.
 """
 
