@@ -24,6 +24,7 @@ from followerd.geometry import Array
 CAMERA = "640x480@30"
 PIECE = 3.0  # s
 BEGINS = 5.0  # s that a demonstration needs until it follows
+LONGEST = 3600.0  # s that a demonstration may take
 SETTLES = 1.5  # s after a switch that count for neither side
 TICK = os.sysconf("SC_CLK_TCK")  # 1/s
 
@@ -80,7 +81,8 @@ async def _piece(process: Process, side: Side) -> None:
 @asynccontextmanager
 async def demo(*arguments: str, state: Path) -> AsyncIterator[tuple[Process, str]]:
     """A demonstration, and the address of its page; it records into the folder `state`."""
-    command = [sys.executable, "-m", "followerd", "demo", "--camera", CAMERA, *arguments]
+    command = [sys.executable, "-m", "followerd", "demo", "--camera", CAMERA]
+    command += ["--duration", str(LONGEST), *arguments]
     surroundings = {**os.environ, "STATE_DIRECTORY": str(state)}
     process = await asyncio.create_subprocess_exec(
         *command, stdout=PIPE, stderr=PIPE, env=surroundings

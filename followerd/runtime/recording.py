@@ -58,7 +58,10 @@ class Recording:
             return Recorder(Tape(path, settings, about, clock.epoch()), threaded=False)
         if path is not None and path.exists():
             raise UsageError(f"{path} exists; recordings are never overwritten")
-        scribe = Scribe(path, settings, about, clock.epoch())
+        try:
+            scribe = Scribe(path, settings, about, clock.epoch())
+        except OSError as error:
+            raise UsageError(f"nothing can be recorded now: {error.strerror}") from None
         if self._daemon.decision is None:  # then its first images must not be missed
             scribe.wait()
         return Recorder(scribe)

@@ -60,6 +60,12 @@ class Hub:
             self._timer.cancel()
         self._thread.shutdown(wait=False)
 
+    def join(self, changed: Callable[[], None]) -> None:
+        """One more viewer; the state that it is shown first is new."""
+        self.viewers.add(changed)
+        if self.daemon.decision is not None:
+            self._renew(self.daemon.decision)
+
     async def picture(self, image: Image) -> bytes:
         """The message that shows `image`; encoded once, off the loop, for all viewers."""
         if self._encoding is None or self._encoding[0] is not image:
@@ -160,11 +166,14 @@ class Hub:
         if is_new:
             self._track = json.dumps({"track": track_view(decision)}, allow_nan=False)
         if is_due := self._is_due(decision, is_new=is_new):
-            self._state_of, self._mode = clock.now(), decision.mode
-            state = self._view(decision, self._state_of)
-            self._state = json.dumps({"state": state}, allow_nan=False)
+            self._renew(decision)
         if is_new or is_due:
             self._tell()
+
+    def _renew(self, decision: Decision) -> None:
+        self._state_of, self._mode = clock.now(), decision.mode
+        state = self._view(decision, self._state_of)
+        self._state = json.dumps({"state": state}, allow_nan=False)
 
     def _is_due(self, decision: Decision, *, is_new: bool) -> bool:
         """Best right after an image's decision: then the next image is farthest away."""

@@ -45,7 +45,7 @@ class Viewer:
 
     async def run(self) -> None:
         """Until the socket closes."""
-        self._hub.viewers.add(self._changed.set)
+        self._hub.join(self._changed.set)
         showing = asyncio.create_task(self._show())
         try:
             await self._listen()
@@ -59,15 +59,15 @@ class Viewer:
     async def _show(self) -> None:
         """The newest state and track, and the newest picture once the last one is drawn."""
         shown: Image | None = None
-        state, track = self._hub.state, ""  # that state is as old as the last viewer
+        state = track = ""
         while True:
-            if self._hub.track != track:
-                track = self._hub.track
-                await self._socket.send_str(track)
             if self._hub.state != state:
                 state = self._hub.state
                 await self._socket.send_str(state)
                 await self._introduce()
+            if self._hub.track != track:
+                track = self._hub.track
+                await self._socket.send_str(track)
             image = self._hub.image
             if self._drawn and image is not None and image is not shown:
                 shown, self._drawn = image, False
