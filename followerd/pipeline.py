@@ -43,6 +43,7 @@ from followerd.settings import Settings
 SEEN = (TrackPhase.TENTATIVE, TrackPhase.CONFIRMED)
 CAMERA = "camera"  # a device that only shows, where the tracker needs no images
 JUMP = 0.5  # m, between two scans: who thinks on the map stops
+BLIND = 0.5  # s between two scans, after which odometry may have missed some of the way
 DRIVEN_BY = frozenset({"scan", "odometry"})  # streams without which nothing drives
 
 
@@ -193,6 +194,8 @@ class Pipeline:
         person = self.association.person(scan.stamp)
         at = None if person is None else (~base).apply_point(*person.position)
         before = None if self.pose is None or self.pose.lost else self.pose
+        if before is not None and scan.stamp - before.stamp > BLIND:
+            self.localizer.start(before.map_from_odom @ base)
         self.pose = self.localizer.step(scan, base, at)
         if before is None or self.pose is None:
             return

@@ -504,6 +504,36 @@ def test_f17_who_is_lost_on_the_map_follows_on_in_odom() -> None:
     assert rig.twist.v > 0.3
 
 
+class Restarted(Elsewhere):
+    """A localizer that is sure, and notes from where it has to begin anew."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.begun: list[Pose2 | None] = []
+
+    def start(self, at: Pose2 | None) -> None:
+        self.begun.append(at)
+
+    def step(
+        self, scan: Scan, ego: Pose2, person: tuple[float, float] | None = None
+    ) -> RobotPose | None:
+        at = Pose2(1.0)
+        return RobotPose(scan.stamp, at @ ego, at, 1e-4 * np.eye(3), lost=False)
+
+
+def test_f17_after_a_while_without_odometry_the_pose_is_no_longer_sure() -> None:
+    """The robot may have moved, or the base's odometry begun anew."""
+    localizer = Restarted()
+    rig = Rig(STROLL, dead=lambda name, time: name == "odometry" and BROKE < time < BROKE + 1.0)
+    rig.pipeline.localizer = localizer
+    rig.armed().run(BROKE - rig.now)
+    assert not localizer.begun
+    rig.run(2.0)
+    (at,) = localizer.begun
+    assert at is not None
+    assert at.x - 1.0 == pytest.approx(rig.pose.x, abs=0.3)
+
+
 def test_f17_walls_of_the_map_excuse_no_return_once_the_robot_is_lost() -> None:
     rig = Rig(STROLL)
     rig.pipeline.localizer = LosingItself()
