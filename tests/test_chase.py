@@ -7,7 +7,6 @@ import pytest
 
 from followerd import clock
 from followerd.hw.vcc50i.chase import Chase, Goal
-from followerd.hw.vcc50i.commands import LEFTWARD, STOP
 from followerd.hw.vcc50i.driver import Vcc50i, Vcc50iSettings
 from followerd.messages import Measurement, PtzState
 from followerd.sim.line import Line
@@ -57,41 +56,6 @@ def test_small_changes_are_not_worth_telling_but_a_turn_back_is() -> None:
     assert one.is_news(0)
     one.told = 8
     assert one.is_news(-8)
-
-
-def test_a_newer_goal_is_judged_by_the_last_measurement_and_the_speed_it_showed() -> None:
-    one = chase(Goal(400, 0.0, 0.0))
-    one.speed(0, 0.0, 0.0)
-    one.told = one.speed(40, 0.1, 0.1)  # at 400 steps/s
-    assert not one.turns_back(one.speed(40, 0.1, 0.12))
-    one.goal = Goal(60, 0.0, 0.1)
-    assert one.turns_back(one.speed(40, 0.1, 0.15))
-
-
-@pytest.mark.parametrize("wait", [0.0, 0.022, 0.033, 0.038])
-def test_a_head_that_runs_away_from_a_newer_goal_is_stopped_before_it_is_asked(
-    wait: float,
-) -> None:
-    twin = Vcc50iTwin(np.random.default_rng(1), knows_home=True, baud=19200)
-    line = Line(twin, np.random.default_rng(2), "ptz")
-    head = Vcc50i(Vcc50iSettings(baud=19200, rate_hz=30), line.link)
-
-    async def turn() -> None:
-        await clock.sleep(2.0)
-        for k in range(30):  # it runs to the right, now faster, now slower
-            head.look(radians(-20.0 - 1.2 * k - 3.0 * (k % 3)), 0.0, radians(-35.0))
-            await clock.sleep(1 / 30)
-        await clock.sleep(wait)
-        before = len(twin.obeyed)
-        head.look(radians(60.0), 0.0, radians(50.0))
-        await clock.sleep(0.3)
-        assert twin.obeyed[before : before + 2] == [STOP, LEFTWARD]
-
-    async def story() -> None:
-        with pytest.raises(Ended):
-            await clock.together(line.run(), head.run(lambda _: None), ended(turn()))
-
-    clock.run_virtual(story())
 
 
 def follows(paced: bool, speed_dps: float, baud: int) -> float:

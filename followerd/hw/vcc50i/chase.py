@@ -37,18 +37,19 @@ class Chase:
         self._fastest = fastest
         self._ends = ends
         self._last: tuple[int, float] | None = None  # position and its stamp, s
-        self._runs = 0.0  # steps/s, as measured
 
     def speed(self, pan: int, stamp: float, now: float) -> int:
         """The speed to run at from `now`, by a position measured at `stamp`."""
         assert self.goal is not None
-        if self._last is None or stamp != self._last[1]:
-            self._measure(pan, stamp)
+        last, self._last = self._last, (pan, stamp)
+        runs = 0.0
+        if last is not None and 0.0 < stamp - last[1] < 0.5:
+            runs = (pan - last[0]) / (stamp - last[1])
         later = now + REACTS
         low, high = self._ends
         goal = min(max(self.goal.at(later), low), high)
         rate = self.goal.rate if later - self.goal.since < CARRIED and low < goal < high else 0.0
-        wanted = rate + GAIN * (goal - pan - self._runs * (later - stamp))
+        wanted = rate + GAIN * (goal - pan - runs * (later - stamp))
         wanted = min(max(wanted, -self._fastest), self._fastest)
         if abs(wanted) < REST:
             return 0
@@ -63,8 +64,3 @@ class Chase:
         """Whether it is worth telling."""
         turns = speed * self.told <= 0 and speed != self.told
         return turns or abs(speed - self.told) > FINER
-
-    def _measure(self, pan: int, stamp: float) -> None:
-        last, self._last, self._runs = self._last, (pan, stamp), 0.0
-        if last is not None and 0.0 < stamp - last[1] < 0.5:
-            self._runs = (pan - last[0]) / (stamp - last[1])

@@ -68,7 +68,6 @@ class Head:
         self._status_due = self._zoom_due = clock.now()
         self._free_at = clock.now()  # s, when it last did what it was told
         self._at: tuple[int, int] | None = None
-        self._stamp = 0.0  # s, of that
         self._zoom: int | None = None
 
     def look(self, pan: float, tilt: float, rate: float | None = None) -> None:
@@ -103,7 +102,6 @@ class Head:
                     self._gate.forget()
                     self._status_due = clock.now()
                 return False
-            await self._turn_back()
             if (stamp := await self._measure()) is None:
                 return False
             await self._act(stamp, sink)
@@ -158,7 +156,7 @@ class Head:
             self.moves = True
         elif self.moves:  # it seems to rest: does it say so?
             await self._ask_status()
-        self._at, self._stamp = position, stamp
+        self._at = position
         if self._zooms or self._zoom is None or (clock.now() >= self._zoom_due and not self.moves):
             await self._measure_zoom()
         return None if self._zoom is None else stamp
@@ -198,14 +196,6 @@ class Head:
         if zoomed := self._lens.due((self._zoom,), moves=self._zooms):
             await self._tell(self._lens, zoomed, zoom(*zoomed), STOP_ZOOM)
             self._zooms = True
-
-    async def _turn_back(self) -> None:
-        """A head that runs away from a newer goal is not asked first where it is."""
-        chase = self._chase
-        if chase.goal is None or self._at is None:
-            return
-        if chase.turns_back(chase.speed(self._at[0], self._stamp, clock.now())):
-            await self._keep_pace(self._at[0], self._stamp)
 
     async def _keep_pace(self, pan: int, stamp: float) -> None:
         chase = self._chase
