@@ -319,6 +319,7 @@ def test_what_is_missing_is_known_as_soon_as_it_can_be() -> None:
     assert decoder.missing == 1
     decoder.feed(wire[:62])
     assert decoder.missing == len(wire) - 62
+    assert decoder.pending == 62
     decoder.feed(wire[62:])
     assert decoder.missing == 1
 
