@@ -83,7 +83,7 @@ class Outcome:
     toward_others: float  # m/s told, toward anybody else who is near (F12)
     sound: float  # s without a fault in which it followed, or falsely did not
     following: float  # s
-    stood: float = 0.0  # s of the sound time, falsely
+    stood: float  # s of the sound time, falsely
 
 
 def run(job: Job) -> Outcome:
