@@ -19,6 +19,7 @@ from followerd.trackers.head import HeadTracker
 from followerd.trackers.head_settings import HeadSettings
 
 AS_IT_IS = Tone(None, even=False)
+CAMERA = Camera(160, 120, 150.0, 150.0, 80.0, 60.0)
 
 
 @pytest.fixture(scope="module")
@@ -28,6 +29,18 @@ def walk() -> list[Frame]:
 
 def tracker(**settings: object) -> HeadTracker:
     return HeadTracker(HeadSettings.model_validate(settings), np.random.default_rng(5))
+
+
+@pytest.mark.parametrize("width", [24, 53, 97, 160])
+@pytest.mark.parametrize("height", [17, 50, 101, 120])
+def test_depth_is_looked_up_to_the_border_of_any_image(width: int, height: int) -> None:
+    pixels = np.zeros((height, width, 3), np.uint8)
+    image = Image(0, 0.0, 0.0, pixels, CAMERA, np.full((height, width), 2.0, np.float32))
+    for a in (8.0, 20.0, 33.0):
+        head = Ellipse(width - 3.0, height - 3.0, a, 1.3)
+        patch = Patch.around(pixels, head, AS_IT_IS)
+        corner = patch.places(np.array([[head.x, head.y]]))
+        assert patch.near(image, 2.0, corner, [a], head.aspect).tolist() == [[1.0]]
 
 
 def follow(one: HeadTracker, walk: list[Frame]) -> list[TrackState]:

@@ -149,6 +149,9 @@ class Patch:
         width, height = self.size
         rows = ((np.arange(height) + 0.5) * self.step + self.top).astype(np.intp)
         columns = ((np.arange(width) + 0.5) * self.step + self.left).astype(np.intp)
+        # a reduced side is rounded: its last pixel may reach past the image
+        np.minimum(rows, image.depth.shape[0] - 1, out=rows)
+        np.minimum(columns, image.depth.shape[1] - 1, out=columns)
         there = np.abs(image.depth[np.ix_(rows, columns)] - np.float32(depth)) < SAME_DEPTH
         seen = there.ravel().take(self._indices(places, self._disc(sizes, aspect)[:, ::DEPTHS]))
         share: Array = seen.mean(axis=2)
