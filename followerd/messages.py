@@ -137,6 +137,11 @@ class WheelSpeeds:
     left: float  # m/s
     right: float  # m/s
 
+    @property
+    def v(self) -> float:
+        """Forward speed, m/s."""
+        return 0.5 * (self.left + self.right)
+
 
 @dataclass(frozen=True, slots=True)
 class TurnBy:
@@ -382,6 +387,11 @@ class Command:
     def stops(self) -> bool:
         """Whether it asks for standstill."""
         return self.motion is None
+
+    @property
+    def speed(self) -> float:
+        """Forward speed that it asks for, m/s."""
+        return 0.0 if self.motion is None else self.motion.v
 
 
 @dataclass(frozen=True, slots=True)

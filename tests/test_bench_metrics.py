@@ -50,8 +50,10 @@ def track(
     return TrackState(stamp, phase, 0.9, bearing=bearing, range=range_)
 
 
-def decision(stamp: float, state: TrackState | None, mode: Mode = Mode.FOLLOWING) -> Decision:
-    return Decision(0, stamp, mode, state, None, Command(stamp))
+def decision(
+    stamp: float, state: TrackState | None, mode: Mode = Mode.FOLLOWING, speed: float = 0.4
+) -> Decision:
+    return Decision(0, stamp, mode, state, None, Command(stamp, Twist(speed)))
 
 
 def times(count: int) -> list[float]:
@@ -191,8 +193,8 @@ def test_a_bearing_alone_can_prove_a_wrong_way_but_only_while_following() -> Non
     def truth(t: float) -> Truth:
         return truth_of(t, Pose2(0.5 * t, 0.0, 0.0), (3.0 + 0.5 * t, 0.0))
 
-    def off(mode: Mode, bearing: float) -> float:
-        figures = run(21, truth, lambda t: decision(t, track(t, bearing, None), mode))
+    def off(mode: Mode, bearing: float, speed: float = 0.4) -> float:
+        figures = run(21, truth, lambda t: decision(t, track(t, bearing, None), mode, speed))
         path = figures["wrong_follow_m"]
         assert isinstance(path, float | int)
         return path
@@ -200,6 +202,7 @@ def test_a_bearing_alone_can_prove_a_wrong_way_but_only_while_following() -> Non
     assert off(Mode.FOLLOWING, 0.6) == pytest.approx(0.5)  # passes 1.7 m beside the person
     assert off(Mode.FOLLOWING, 0.2) == 0
     assert off(Mode.HOLDING, 0.6) == 0
+    assert off(Mode.FOLLOWING, 0.6, speed=0.0) == 0  # it is told to stop, and brakes
 
 
 def test_a_person_followed_at_a_wrong_distance_is_still_the_right_person() -> None:

@@ -94,8 +94,8 @@ def test_a_rate_follows_a_steady_turn_and_is_capped() -> None:
     ],
 )
 def test_the_laser_range_keeps_the_distance(target: Target, drives: bool) -> None:
-    assert (law().wish(target, scene(turning(0.0))).v > 0.0) is drives  # type: ignore[union-attr]  # never WheelSpeeds
-    assert law(turn_only=True).wish(target, scene(turning(0.0))).v == 0.0  # type: ignore[union-attr]  # same
+    assert (law().wish(target, scene(turning(0.0))).v > 0.0) is drives
+    assert law(turn_only=True).wish(target, scene(turning(0.0))).v == 0.0
 
 
 def test_a_head_takes_the_fast_part_and_the_base_brings_it_back_to_its_middle() -> None:

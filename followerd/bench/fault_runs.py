@@ -175,7 +175,7 @@ class Witness:
         Where it may go on `turns` it need only stop driving.
         """
         for decision in self.decisions:
-            ends = _stands(decision) if turns else decision.command.stops
+            ends = decision.command.speed == 0.0 if turns else decision.command.stops
             if start <= decision.stamp <= end and ends and broken(decision):
                 return self._halted(start, decision.stamp + SLACK, turns=turns)
         if not self.decisions:
@@ -240,10 +240,6 @@ def _is_told(stop: Stop) -> bool:
     """Whether a stop says why, by which device, and when; over a lost link nothing is said."""
     timed = stop.time_to_stop is not None or stop.reason == StopReason.LINK_LOST.name.lower()
     return bool(stop.reason and stop.device) and timed
-
-
-def _stands(decision: Decision) -> bool:
-    return getattr(decision.command.motion, "v", 0.0) == 0.0
 
 
 def toward(

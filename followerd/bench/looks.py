@@ -24,6 +24,7 @@ class Look:
 
     truth: Truth
     mode: Mode
+    drives: bool = False  # the decision asks for more than a turn
     held: bool = False  # there is a fresh track that is not lost
     person: int | None = None  # whom it stands on: TARGET, another's index, None = nobody
     miss: float | None = None  # m, of the target from the ray in which the track lies
@@ -38,12 +39,14 @@ class Look:
 
     @property
     def follows_wrongly(self) -> bool:
-        """Whether the robot follows something that is not its person.
+        """Whether the robot is driven after something that is not its person.
 
         A track in the person's direction leads to the person, however far off it takes them to be:
         the range may be that of whoever passes between.
         """
-        if self.mode is not Mode.FOLLOWING or self.miss is None or self.person == TARGET:
+        if self.mode is not Mode.FOLLOWING or not self.drives:
+            return False
+        if self.miss is None or self.person == TARGET:
             return False
         return self.miss > (WRONG if self.person is None else BODY)
 
@@ -87,19 +90,21 @@ def _look(truth: Truth, decision: Decision | None, between: Between) -> Look:
     track = decision.track
     if track is None or track.phase is TrackPhase.LOST or truth.stamp - track.stamp > STALE:
         return Look(truth, decision.mode)
+    drives = decision.command.speed != 0.0
     if track.bearing is None:
-        return Look(truth, decision.mode, held=True)
+        return Look(truth, decision.mode, drives, held=True)
     people = between.people(track.stamp)
     x, y = people[TARGET].tolist()
     bearing_error = wrap_angle(track.bearing - atan2(y, x))
     miss = _distance_from_ray(hypot(x, y), bearing_error)
     if track.range is None:
-        return Look(truth, decision.mode, True, miss=miss, bearing_error=bearing_error)
+        return Look(truth, decision.mode, drives, True, miss=miss, bearing_error=bearing_error)
     claimed = (track.range * cos(track.bearing), track.range * sin(track.bearing))
     apart = np.hypot(*(people - claimed).T)
     return Look(
         truth,
         decision.mode,
+        drives,
         held=True,
         person=_person(apart),
         miss=miss,

@@ -93,7 +93,7 @@ def identity_switches(tracked: Sequence[Look]) -> int:
 
 
 def wrong_follow(tracked: Sequence[Look]) -> float:
-    """Path that the robot drove while following what is not its person, m."""
+    """Path that the robot was driven after what is not its person, m; braking is not counted."""
     return sum(
         hypot(after.truth.pose.x - before.truth.pose.x, after.truth.pose.y - before.truth.pose.y)
         for before, after in pairwise(tracked)

@@ -44,7 +44,7 @@ class Novelty:
     def _is_new_report(self, report: Odometry, wish: Wish | None, now: float) -> bool:
         """A standing base says the same for ever; one that drives, or was told to, does not."""
         before, self._odometry = self._odometry, report
-        if abs(getattr(wish, "v", 0.0)) < SENT_FORWARD:
+        if wish is None or abs(wish.v) < SENT_FORWARD:
             self._sent_since = inf
         else:
             self._sent_since = min(self._sent_since, now)
