@@ -1,10 +1,14 @@
 """Whose legs are whose: who comes in from outside stays somebody else, seen or not (F8)."""
 
+from dataclasses import replace
+from math import atan2, hypot
+
 import numpy as np
 import pytest
 
 from followerd.estimation.own_legs import Expected, OwnLegs, OwnLegsSettings
 from followerd.geometry import Pose2
+from followerd.messages import Scan
 from followerd.perception.clusters import ClusterSettings, find_clusters
 from tests.test_trust import person, scan
 
@@ -30,3 +34,25 @@ def test_who_crosses_and_looks_like_no_leg_for_a_moment_stays_somebody_else(
         clusters = find_clusters(one, one.points(), ClusterSettings())
         found = legs.find(clusters, Pose2(), expected)
         assert (np.hypot(*(clusters.centre[found] - THERE).T) < 0.3).all(), f"at y = {y:.2f}"
+
+
+@pytest.mark.parametrize("thin", [3, 5])
+def test_who_crosses_far_off_and_is_hit_by_single_beams_stays_somebody_else(thin: int) -> None:
+    legs, expected = OwnLegs(OwnLegsSettings()), Expected(0.0, THERE[0], 0.9)
+    passer = THERE[0] - 0.5
+    for k, y in enumerate(np.arange(1.5, -1.2, -0.1)):
+        own = person(*THERE) if abs(y) > 0.45 else ()
+        if thin <= k < 2 * thin:
+            one = one_beam(scan(0.107 * k, *own), passer, y)
+        else:
+            one = scan(0.107 * k, *own, *person(passer, y))
+        clusters = find_clusters(one, one.points(), ClusterSettings())
+        found = legs.find(clusters, Pose2(), expected)
+        assert (np.hypot(*(clusters.centre[found] - THERE).T) < 0.3).all(), f"at y = {y:.2f}"
+
+
+def one_beam(one: Scan, x: float, y: float) -> Scan:
+    """The same scan with a single return of what stands at (x, y)."""
+    ranges = one.ranges.copy()
+    ranges[round((atan2(y, x) - one.angle_min) / one.angle_increment)] = hypot(x, y)
+    return replace(one, ranges=ranges)

@@ -146,6 +146,16 @@ def test_who_stays_away_is_lost_without_a_place_and_found_when_they_step_up() ->
     assert stage.off(again) < 0.15
 
 
+def test_who_stands_there_after_a_blind_time_is_nobody_known() -> None:
+    stage = Stage()
+    stage.enrol()
+    assert stage.walk(1.2).phase is TrackPhase.CONFIRMED
+    stage.stamp += 2.5  # the base says nothing, then does again
+    assert stage.walk(2 * PERIOD, 0.0).phase is TrackPhase.LOST
+    again = stage.walk(3.0, 0.0)
+    assert again.confidence < ModeSettings().min_confidence
+
+
 def test_a_robot_that_is_lost_follows_on_by_its_odometry() -> None:
     stage = Stage()
     stage.enrol()

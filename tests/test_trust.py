@@ -93,9 +93,13 @@ def test_a_track_that_slides_onto_a_wall_is_doubted_after_two_seconds() -> None:
     assert run.go(1.0, (2.0, 0.0), wall=2.1) is TrackPhase.TENTATIVE
 
 
-def test_legs_behind_low_furniture_are_no_reason_to_doubt() -> None:
+@pytest.mark.parametrize("ahead", [2.0, 5.5])
+def test_legs_behind_low_furniture_are_no_reason_to_doubt_until_it_lasts(ahead: float) -> None:
     run = followed()
-    assert run.go(4.0, (2.0, 0.0), wall=1.2) is TrackPhase.CONFIRMED
+    for x in np.arange(2.0, ahead, 0.1):
+        run.go(0.1, (x, 0.0), *person(x, 0.0))
+    assert run.go(4.5, (ahead, 0.0), wall=1.2) is TrackPhase.CONFIRMED
+    assert run.go(1.0, (ahead, 0.0), wall=1.2) is TrackPhase.TENTATIVE  # perhaps a wall
 
 
 def test_a_leap_is_believed_only_with_legs_within_walking_distance() -> None:

@@ -39,6 +39,9 @@ class OwnLegsSettings(Settings):
     max_hidden_s: float = Field(
         1.0, ge=0, description="behind somebody's legs the person is foreseen, not looked for"
     )
+    mistaken_s: float = Field(
+        1.5, ge=0, description="without the person's legs somebody else's may be theirs after all"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,13 +90,15 @@ class OwnLegs:
         crowd = 0
         self.hidden = False
         stamp = clusters.stamp
-        if stamp - self.seen_at > s.max_hidden_s:
+        if stamp - self.seen_at > s.mistaken_s:
             self._others = []
 
         def at(k: int) -> tuple[float, float]:
             return base.apply_point(*clusters.centre[k].tolist())
 
-        for k in clusters.leg_like.nonzero()[0].tolist():
+        # what is too thin or hidden to be told for a leg may still be one that was known
+        maybe = clusters.leg_like | (clusters.width < s.leg_width_m)
+        for k in maybe.nonzero()[0].tolist():
             near = clusters.range.item(k)
             distance = near + s.leg_radius_m
             angle = abs(wrap_angle(clusters.bearing.item(k) - expected.bearing))
@@ -104,7 +109,10 @@ class OwnLegs:
             if off > expected.reach + s.others_m:
                 continue
             point = at(k)
-            if off > expected.reach or self._was_anothers(point, clusters.width.item(k), stamp):
+            was_anothers = self._was_anothers(point, clusters.width.item(k), stamp)
+            if not (was_anothers or clusters.leg_like.item(k)):
+                continue
+            if off > expected.reach or was_anothers:
                 others.append(point)
                 crowd += off <= expected.reach
             elif in_cone:

@@ -21,6 +21,7 @@ class TrustSettings(Settings):
 
     empty_s: float = Field(0.4, gt=0, description="the laser sees through the person's place")
     bare_s: float = Field(2.0, gt=0, description="it sees something there, but no legs")
+    hidden_s: float = Field(5.0, gt=0, description="something hides the legs, if there are any")
     past_s: float = Field(0.7, gt=0, description="the camera sees somebody beside the legs")
     laser_m: float = Field(5.0, gt=0, description="farther off legs fall between the beams")
     beside_m: float = Field(0.45, gt=0, description="of the place, where legs would be")
@@ -164,8 +165,6 @@ class Trust:
     ) -> float:
         """Evidence per second that nobody stands at a place in `base` where no legs were found."""
         s = self.settings
-        if distance > s.laser_m:
-            return 0.0
         along = points @ (cos(bearing), sin(bearing))
         aside = points @ (-sin(bearing), cos(bearing))
         returns = along[(np.abs(aside) < s.beside_m) & (along > 0.0)]
@@ -174,7 +173,9 @@ class Trust:
         doubt = hypot(2.0 * sigma, s.beside_m)
         nearest = float(returns.min())
         if nearest < distance - doubt:
-            return 0.0  # something hides the place
+            return 1.0 / s.hidden_s
+        if distance > s.laser_m:
+            return 0.0
         return 1.0 / (s.empty_s if nearest > distance + doubt else s.bare_s)
 
 

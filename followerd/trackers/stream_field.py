@@ -61,6 +61,7 @@ class StreamFieldTrackerSettings(Settings):
     reach_mps: float = Field(1.5, gt=0, description="by which that grows")
     blink_s: float = Field(0.15, ge=0, description="unseen so shortly is not hidden")
     lost_after_s: float = Field(8.0, gt=0, description="unseen this long is lost")
+    blind_s: float = Field(0.9, gt=0, lt=1, description="without scan or odometry, too")
     confidence_s: float = Field(6.0, gt=0, description="in which confidence fades unseen")
     velocity_s: float = Field(0.5, gt=0, description="over which the velocity is taken")
     jump_m: float = Field(0.5, gt=0, description="of the robot on the map: the person is unsure")
@@ -160,6 +161,8 @@ class StreamFieldTracker:
             return None
         if dt < self.settings.period_s and not is_seen:
             return None
+        if self._comeback is None and dt > self.settings.blind_s:
+            self._lose(self._stamp)  # whoever stands there now came unseen
         self._stamp = measurement.stamp
         self._choose_belief(pursuit)
         here = map_from_odom @ ego
@@ -173,10 +176,12 @@ class StreamFieldTracker:
         assert estimate is not None  # a pursuit that was started always has one
         self._note(estimate, people, here, dt)
         if estimate.unseen_for > self.settings.lost_after_s:
-            last = np.array([self._last.real, self._last.imag])
-            since = measurement.stamp - estimate.unseen_for
-            self._comeback = Comeback(last, since, self.settings.comeback)
+            self._lose(measurement.stamp - estimate.unseen_for)
         return self._state(estimate, self._phase(estimate), ego, map_from_odom)
+
+    def _lose(self, since: float) -> None:
+        last = np.array([self._last.real, self._last.imag])
+        self._comeback = Comeback(last, since, self.settings.comeback)
 
     def courses(self) -> Array:
         """See Foreseeing."""
