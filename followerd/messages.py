@@ -103,6 +103,7 @@ class Clusters:
     nearest: Array  # (K,) m, of the nearest return
     width: Array  # (K,) m, from the first to the last return
     leg_like: npt.NDArray[np.bool_]  # (K,) as narrow as a leg or two, not half hidden
+    thin: npt.NDArray[np.bool_]  # (K,) too few returns for that, but far off a leg gives no more
 
 
 @dataclass(frozen=True, slots=True, eq=False)

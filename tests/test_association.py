@@ -31,7 +31,7 @@ def clusters(stamp: float, *places: tuple[float, float], wide: tuple[int, ...] =
     return Clusters(
         stamp, 10 * k, 10 * k + 4, np.full(k.size, 5), centre,
         np.arctan2(centre[:, 1], centre[:, 0]), away, away, np.full(k.size, 0.1),
-        ~np.isin(k, wide),
+        ~np.isin(k, wide), np.zeros(k.size, np.bool_),
     )  # fmt: skip
 
 

@@ -96,9 +96,8 @@ class OwnLegs:
         def at(k: int) -> tuple[float, float]:
             return base.apply_point(*clusters.centre[k].tolist())
 
-        # what is too thin or hidden to be told for a leg may still be one that was known
-        maybe = clusters.leg_like | (clusters.width < s.leg_width_m)
-        for k in maybe.nonzero()[0].tolist():
+        # what is too thin to be told for a leg may still be one that was known
+        for k in (clusters.leg_like | clusters.thin).nonzero()[0].tolist():
             near = clusters.range.item(k)
             distance = near + s.leg_radius_m
             angle = abs(wrap_angle(clusters.bearing.item(k) - expected.bearing))

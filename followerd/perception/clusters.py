@@ -17,6 +17,7 @@ class ClusterSettings(Settings):
     max_leg_width_m: float = Field(0.55, gt=0, description="widest pair of touching legs")
     hidden_by_m: float = Field(0.4, gt=0, description="a neighbour nearer by this hides a part")
     min_beams: int = Field(2, ge=1, description="fewest returns of a leg")
+    leg_m: float = Field(0.1, gt=0, description="of which fewer meet one no wider, far off")
 
 
 def find_clusters(scan: Scan, points: Array, settings: ClusterSettings) -> Clusters:
@@ -26,7 +27,7 @@ def find_clusters(scan: Scan, points: Array, settings: ClusterSettings) -> Clust
         none, empty = np.empty(0, np.intp), np.empty(0)
         return Clusters(
             scan.stamp, none, none, none, np.empty((0, 2)), empty, empty, empty, empty,
-            np.empty(0, np.bool_),
+            np.empty(0, np.bool_), np.empty(0, np.bool_),
         )  # fmt: skip
     seen, ranges = points[beams], scan.ranges[beams]
     steps = seen[1:] - seen[:-1]
@@ -45,6 +46,9 @@ def find_clusters(scan: Scan, points: Array, settings: ClusterSettings) -> Clust
     hides = settings.hidden_by_m
     in_front = (before > ranges[start] - hides) & (after > ranges[end] - hides)
     width = np.sqrt(np.einsum("ij,ij->i", extent, extent))
+    is_narrow = in_front & (width < settings.max_leg_width_m)
+    is_full = count >= settings.min_beams
+    sparse = distance[start] * scan.angle_increment * settings.min_beams > settings.leg_m
     return Clusters(
         stamp=scan.stamp,
         first=beams[start],
@@ -55,5 +59,6 @@ def find_clusters(scan: Scan, points: Array, settings: ClusterSettings) -> Clust
         range=np.sqrt(np.einsum("ij,ij->i", centre, centre)),
         nearest=np.minimum.reduceat(distance, start),
         width=width,
-        leg_like=in_front & (width < settings.max_leg_width_m) & (count >= settings.min_beams),
+        leg_like=is_narrow & is_full,
+        thin=is_narrow & ~is_full & sparse,
     )
