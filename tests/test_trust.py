@@ -37,6 +37,11 @@ def person(x: float, y: float) -> tuple[tuple[float, float], ...]:
     return (x, y - 0.12), (x, y + 0.12)
 
 
+def desk(x: float, right: float = -0.8, left: float = 0.8) -> tuple[tuple[float, float], ...]:
+    """The front of something low, from one side to the other."""
+    return tuple((x, y) for y in np.arange(right, left, 0.02).tolist())
+
+
 class Run:
     """Camera and laser at 10 Hz."""
 
@@ -98,8 +103,21 @@ def test_legs_behind_low_furniture_are_no_reason_to_doubt_until_it_lasts(ahead: 
     run = followed()
     for x in np.arange(2.0, ahead, 0.1):
         run.go(0.1, (x, 0.0), *person(x, 0.0))
-    assert run.go(4.5, (ahead, 0.0), wall=1.2) is TrackPhase.CONFIRMED
-    assert run.go(1.0, (ahead, 0.0), wall=1.2) is TrackPhase.TENTATIVE  # perhaps a wall
+    assert run.go(4.5, (ahead, 0.0), *desk(1.2)) is TrackPhase.CONFIRMED
+    assert run.go(1.0, (ahead, 0.0), *desk(1.2)) is TrackPhase.TENTATIVE
+
+
+def test_nobody_is_seen_through_a_wall() -> None:
+    run = followed()
+    assert run.go(0.8, (2.0, 0.0), wall=1.2) is TrackPhase.CONFIRMED
+    assert run.go(0.5, (2.0, 0.0), wall=1.2) is TrackPhase.TENTATIVE
+
+
+def test_beside_the_end_of_a_wall_a_leg_is_seen() -> None:
+    run = followed()
+    leg = (2.0, -0.12)
+    assert run.go(2.0, (2.0, 0.0), leg, *desk(1.2, 0.15, 4.0)) is TrackPhase.CONFIRMED
+    assert run.go(1.0, (2.0, 0.0), *desk(1.2, 0.15, 4.0)) is TrackPhase.TENTATIVE
 
 
 def test_a_leap_is_believed_only_with_legs_within_walking_distance() -> None:

@@ -22,6 +22,12 @@ class TrustSettings(Settings):
     empty_s: float = Field(0.4, gt=0, description="the laser sees through the person's place")
     bare_s: float = Field(2.0, gt=0, description="it sees something there, but no legs")
     hidden_s: float = Field(5.0, gt=0, description="something hides the legs, if there are any")
+    walled_s: float = Field(1.0, gt=0, description="something as wide as a wall does")
+    wall_m: float = Field(2.0, gt=0, description="that wide")
+    hidden_share: float = Field(
+        0.4, gt=0, lt=1, description="of the place: less than that leaves one leg to be seen"
+    )
+    legs_m: float = Field(0.55, gt=0, description="somebody else's legs hide more as they move")
     past_s: float = Field(0.7, gt=0, description="the camera sees somebody beside the legs")
     laser_m: float = Field(5.0, gt=0, description="farther off legs fall between the beams")
     beside_m: float = Field(0.45, gt=0, description="of the place, where legs would be")
@@ -126,7 +132,7 @@ class Trust:
         if own:
             self._against = 0.0
         elif claim is not None:
-            self._against += dt * self._speaks_against(points, *claim)
+            self._against += dt * self._speaks_against(clusters, points, *claim)
             if self._against >= 1.0:
                 self.doubt("no legs where the camera has the person", stamp)
                 self._refute(stamp)
@@ -161,19 +167,24 @@ class Trust:
         self._others[moved] = legs[nearest[moved]]
 
     def _speaks_against(
-        self, points: Array, distance: float, bearing: float, sigma: float
+        self, clusters: Clusters, points: Array, distance: float, bearing: float, sigma: float
     ) -> float:
         """Evidence per second that nobody stands at a place in `base` where no legs were found."""
         s = self.settings
         along = points @ (cos(bearing), sin(bearing))
         aside = points @ (-sin(bearing), cos(bearing))
-        returns = along[(np.abs(aside) < s.beside_m) & (along > 0.0)]
-        if returns.size < 2:
+        there = np.flatnonzero(np.abs(distance * aside) < s.beside_m * along)
+        if there.size < 2:
             return 0.0
+        ranges = along[there]
         doubt = hypot(2.0 * sigma, s.beside_m)
-        nearest = float(returns.min())
-        if nearest < distance - doubt:
-            return 1.0 / s.hidden_s
+        hides = ranges < distance - doubt
+        if hides.any():
+            k = clusters.first.searchsorted(there[ranges.argmin()], "right") - 1
+            if clusters.width[k] < s.legs_m or hides.mean() > s.hidden_share:
+                is_wall = hides.all() and clusters.width[k] > s.wall_m
+                return 1.0 / (s.walled_s if is_wall else s.hidden_s)
+        nearest = float(ranges[~hides].min())
         if distance > s.laser_m:
             return 0.0
         return 1.0 / (s.empty_s if nearest > distance + doubt else s.bare_s)
