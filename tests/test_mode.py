@@ -429,6 +429,8 @@ def test_the_search_turns_toward_the_side_last_seen(bearing: float, sign: float)
     story = following()
     story.bearing = bearing
     story.run(0.2)
+    story.phase, story.bearing = TrackPhase.TENTATIVE, -bearing  # it may be on anything
+    story.run(0.2)
     story.phase = TrackPhase.LOST
     permission = story.run(0.7)
     assert permission.search * sign > 0

@@ -198,6 +198,16 @@ def test_a_person_lost_and_found_is_believed_again_with_their_legs() -> None:
     assert run.go(1.0, (2.5, 0.9), *person(2.5, 0.9)) is TrackPhase.CONFIRMED
 
 
+def test_whoever_is_found_late_may_be_anybody() -> None:
+    run = followed()
+    run.go(4.5, (2.0, 0.0), phase=TrackPhase.LOST)
+    assert run.go(1.0, (2.5, 0.9), *person(2.5, 0.9)) is TrackPhase.CONFIRMED
+    run.go(5.5, (2.5, 0.9), phase=TrackPhase.LOST)
+    assert run.go(2.0, (2.5, 0.9), *person(2.5, 0.9)) is TrackPhase.TENTATIVE
+    run.association.forget()
+    assert run.go(1.0, (2.5, 0.9), *person(2.5, 0.9)) is TrackPhase.CONFIRMED
+
+
 def test_nobody_walks_faster_than_a_person() -> None:
     run = followed()
     run.go(0.2, (2.0, 0.0), phase=TrackPhase.LOST)

@@ -21,6 +21,7 @@ from followerd.messages import (
 from followerd.settings import Settings
 
 GAVE_UP = "waited or searched in vain"
+PLACED = frozenset({TrackPhase.CONFIRMED, TrackPhase.OCCLUDED})  # not where it may be anybody
 _DRAINED = (BatteryLevel.LOW, BatteryLevel.WEAK)
 
 
@@ -116,7 +117,7 @@ class Modes:
         """Take the newest track; `sigma` of its position in m, inf when unknown."""
         self._phase = TrackPhase.LOST if track is None else track.phase
         self._by_legs = track is not None and track.by_legs
-        if track is not None and self._phase is not TrackPhase.LOST and track.bearing is not None:
+        if track is not None and self._phase in PLACED and track.bearing is not None:
             self._side = copysign(1.0, track.bearing)
         sure = track is not None and track.confidence >= self.settings.min_confidence
         if sure and self._phase is TrackPhase.CONFIRMED and not self._by_legs:

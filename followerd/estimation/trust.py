@@ -2,7 +2,8 @@
 
 Once the person's legs were known, a track that is lost, that leaps, or that stands where the laser
 sees no legs though nothing hides them, is believed again only together with legs: where the
-person can have walked since, and not where somebody else's stood meanwhile (FAILSAFES F8, F9).
+person can have walked since, and not where somebody else's stood meanwhile. Whoever the camera
+finds after a longer time may be anybody in like clothes, and is enrolled anew (FAILSAFES F8, F9).
 """
 
 from math import cos, dist, hypot, inf, sin
@@ -33,6 +34,7 @@ class TrustSettings(Settings):
     beside_m: float = Field(0.45, gt=0, description="of the place, where legs would be")
     agree_s: float = Field(0.5, gt=0, description="camera and legs agree, before trust returns")
     gap_s: float = Field(0.25, gt=0, description="longest break in that")
+    soon_s: float = Field(5.0, gt=0, description="whom the camera finds later may be anybody")
     walk_mps: float = Field(2.0, gt=0, description="nobody is farther from where they were last")
     slack_m: float = Field(0.7, gt=0, description="than this speed explains, but for this much")
     others_m: float = Field(0.7, gt=0, description="from the person's legs: somebody else's")
@@ -63,6 +65,18 @@ class Trust:
         self._scanned_at = -inf  # s
         self._legs_at = -inf  # s, free-standing legs were last found at the camera's place
         self._agreed_since = self._agreed_at = -inf  # s
+        self._held_at = -inf  # s, the camera had the person, and was believed
+        self._lost = False  # it has had nobody since
+
+    def hold(self, stamp: float) -> None:
+        """The camera has somebody."""
+        if self.given:
+            self._held_at = stamp
+
+    def lose(self, stamp: float) -> None:
+        """The camera has nobody."""
+        self.doubt("the camera lost the person", stamp)
+        self._lost = not self.given
 
     def doubt(self, why: str, stamp: float) -> None:
         """From now on the camera must be borne out by legs, if they were ever known."""
@@ -85,8 +99,9 @@ class Trust:
         if stamp - self._agreed_at > s.gap_s:
             self._agreed_since = stamp
         self._agreed_at = stamp
-        if stamp - self._agreed_since >= s.agree_s:
-            self.given, self.why = True, ""
+        is_late = self._lost and self._agreed_since - self._held_at > s.soon_s
+        if stamp - self._agreed_since >= s.agree_s and not is_late:
+            self.given, self.why, self._lost = True, "", False
             self.place, self._sure_at, self._against = place, stamp, 0.0
 
     def is_on_another(self, base: Pose2, sight: float) -> bool:
