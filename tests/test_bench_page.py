@@ -14,7 +14,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 async def test_pieces_with_a_recording_alternate_with_pieces_without(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name, seconds in {"BEGINS": 1.0, "SETTLES": 0.3, "PIECE": 1.0}.items():
+    for name, seconds in {"BEGINS": 1.0, "SETTLES": 0.3, "PIECES": (1.0,)}.items():
         monkeypatch.setattr(page_demo, name, seconds)
     without, with_it = await by_turns(tmp_path, 2.0, recorded, "--images", "none")
     assert len(list(tmp_path.rglob("*.mcap"))) == len(with_it.pieces) == 2

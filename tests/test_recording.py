@@ -10,7 +10,10 @@ import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
+from io import BytesIO
+from itertools import chain
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -48,7 +51,9 @@ from followerd.record.recovery import recover
 from followerd.record.replay import Replay
 from followerd.record.scribe import Scribe
 from followerd.record.settings import RecordSettings
+from followerd.record.still import kept
 from followerd.record.tape import Tape
+from followerd.record.wire import Teller, told
 from followerd.runtime.recording import Recording as Switch
 from followerd.runtime.recording import described
 
@@ -96,6 +101,24 @@ def test_whatever_the_daemon_consumes_comes_back_to_the_bit(entry: Entry) -> Non
     assert type(again) is type(entry)
 
 
+@given(st.lists(st.lists(entries, max_size=4), max_size=4))
+def test_nouns_reach_another_process_batch_by_batch_to_the_bit(batches: list[list[Entry]]) -> None:
+    line = BytesIO()
+    teller = Teller(line)
+    for batch in batches:
+        for entry in batch:
+            teller.tell(("entry", entry, entry))
+        teller.end_batch()
+    line.seek(0)
+    arrived = list[tuple[str, Entry, Entry]]()
+    with pytest.raises(EOFError):
+        arrived.extend(told(line))
+    for (_, again, same), entry in zip(arrived, chain(*batches), strict=True):
+        assert plain(again) == plain(entry)
+        assert type(again) is type(entry)
+        assert again is same
+
+
 @pytest.mark.parametrize("value", [{"kind": "Nothing"}, {"kind": "Taken"}, 3, "x", None])
 def test_what_is_no_entry_is_refused(value: object) -> None:
     with pytest.raises((ValueError, TypeError, KeyError)):
@@ -119,6 +142,29 @@ def test_exact_images_come_back_to_the_bit(tmp_path: Path) -> None:
     for number, again in enumerate(found):
         assert plain(again) == plain(image(number))
     assert len(found) == 3
+
+
+@pytest.mark.parametrize(
+    ("images", "sent", "has_jpeg", "has_raw", "has_depth"),
+    [
+        ("exact", b"own", True, False, True),
+        ("exact", None, False, True, True),
+        ("jpeg", b"own", True, False, True),
+        ("jpeg", None, True, False, True),
+        ("none", b"own", False, False, False),
+    ],
+)
+def test_only_what_is_recorded_of_an_image_goes_to_another_process(
+    images: Literal["exact", "jpeg", "none"],
+    sent: bytes | None,
+    has_jpeg: bool,
+    has_raw: bool,
+    has_depth: bool,
+) -> None:
+    still = kept(replace(image(1), jpeg=sent), RecordSettings(images=images))
+    assert (still.jpeg is not None, still.raw is not None) == (has_jpeg, has_raw)
+    assert (still.depth is not None) == has_depth
+    assert still.is_own == (still.jpeg == b"own")
 
 
 @pytest.mark.parametrize("bent", [False, True])

@@ -17,11 +17,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from followerd import app, clock, config
+from followerd.bench.closed_loop import simulate
 from followerd.config import WebSection
 from followerd.errors import DeviceError, UsageError
 from followerd.messages import Fault, Image, Mode, StopReason
+from followerd.runtime.daemon import Daemon
 from followerd.web.access import COOKIE, Access, Command
-from followerd.web.hub import HEADER
+from followerd.web.hub import HEADER, Hub
 from followerd.web.requests import parse
 from followerd.web.server import encryption
 from tests.page_fuzz import fuzz
@@ -346,3 +348,19 @@ async def test_each_viewer_gets_the_picture_it_asks_for_however_many_ask(
         assert [HEADER.unpack(message[: HEADER.size])[1] for message in sent] == [7, 7, 8, 8]
         assert [message[HEADER.size :] for message in sent] == [b"\7", b"\7", b"\x08", b"\x08"]
         assert encoded == [7, 8]
+
+
+def test_a_track_is_told_with_each_image_and_seldom_between() -> None:
+    told: list[str] = []
+
+    def look(daemon: Daemon) -> None:
+        hub = Hub(daemon, 75, dict)
+        hub.attach()
+        hub.join(lambda: told.append(hub.track))
+
+    chosen = config.load("hpf-sim")
+    simulate(chosen, 3.0, look)
+    tracks = [json.loads(text)["track"] for text in dict.fromkeys(told) if text]
+    frames = sorted({track["frame"] for track in tracks if track})
+    assert frames == list(range(frames[0], frames[0] + len(frames)))
+    assert 25 < len(frames) < len(tracks) < 2 * len(frames)

@@ -13,6 +13,7 @@ from asyncio.subprocess import PIPE, Process
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppress
 from dataclasses import dataclass, field
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ from followerd.errors import UsageError
 from followerd.geometry import Array
 
 CAMERA = "640x480@30"
-PIECE = 3.0  # s
+PIECES = 3.0, 5.0, 4.0, 6.0  # s, in turn: uneven, lest one side fall on what the person repeats
 BEGINS = 5.0  # s that a demonstration needs until it follows
 LONGEST = 3600.0  # s that a demonstration may take
 SETTLES = 1.5  # s after a switch that count for neither side
@@ -56,10 +57,12 @@ async def by_turns(
     file, sides = folder / "timings.json", (Side(), Side())
     async with demo("--timings", str(file), *arguments, state=folder) as (process, address):
         await clock.sleep(BEGINS)
+        lengths = cycle(PIECES)
         while sum(end - begin for begin, end in sides[1].pieces) < seconds:
-            await _piece(process, sides[0])
+            length = next(lengths)
+            await _piece(process, sides[0], length)
             async with beside(address):
-                await _piece(process, sides[1])
+                await _piece(process, sides[1], length)
         process.terminate()
         await process.wait()
     for name, pairs in json.loads(file.read_text()).items():
@@ -70,10 +73,10 @@ async def by_turns(
     return sides
 
 
-async def _piece(process: Process, side: Side) -> None:
+async def _piece(process: Process, side: Side, length: float) -> None:
     await clock.sleep(SETTLES)
     begin, used = clock.now(), _cpu(process.pid)
-    await clock.sleep(PIECE)
+    await clock.sleep(length)
     side.pieces.append((begin, clock.now()))
     side.cpu += _cpu(process.pid) - used
 

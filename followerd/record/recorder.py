@@ -8,11 +8,10 @@ everything when the disk fills. The loop never waits for it.
 """
 
 import threading
+from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from queue import Empty, Full, Queue
 from typing import Protocol
 
 import structlog
@@ -62,7 +61,7 @@ class Recorder:
         self.dropped_images = 0
         self.dropped = 0  # records other than images: a replay goes no further
         self._entries = 0
-        self._queue: Queue[Write] = Queue(tape.settings.queue)
+        self._waiting: deque[Write] = deque()  # whose ends need no lock
         self._room = threading.Semaphore(tape.settings.queued_images)
         self._due = threading.Event()
         self._track: TrackState | None = None
@@ -110,11 +109,10 @@ class Recorder:
         if self._thread is None:
             self._try(write)
             return True
-        try:
-            self._queue.put_nowait(write)
-        except Full:
+        if len(self._waiting) >= self.tape.settings.queue:
             self.dropped += 1
             return False
+        self._waiting.append(write)
         return True
 
     def _image(self, image: Image) -> None:
@@ -133,9 +131,8 @@ class Recorder:
             self.tape.close()
 
     def _write_all(self) -> None:
-        with suppress(Empty):
-            while not self.stopped:
-                self._try(self._queue.get_nowait())
+        while self._waiting and not self.stopped:
+            self._try(self._waiting.popleft())
         if not self.stopped:
             self._try(self.tape.hand_over)
 

@@ -5,9 +5,9 @@ import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
-import cv2
 import foxglove
 import numpy as np
+import numpy.typing as npt
 from foxglove import Channel, Context, MCAPWriter
 from foxglove.mcap import MCAPCompression, MCAPWriteOptions
 from foxglove.messages import (
@@ -24,11 +24,12 @@ from foxglove.messages import (
 
 from followerd.errors import UsageError
 from followerd.geometry import Pose2
-from followerd.messages import Decision, Image, Odometry, Scan
+from followerd.messages import Decision, Image, Odometry, Pixels, Scan
 from followerd.record import schemas
 from followerd.record.codec import Plain, plain
 from followerd.record.journal import Entry, Taken
 from followerd.record.settings import RecordSettings
+from followerd.record.still import Still, kept
 
 CHUNK = 512 * 1024  # bytes; a chunk is what a killed recording loses at most, between two flushes
 MB = 1e6
@@ -71,26 +72,28 @@ class Tape:
             )
 
     def image(self, image: Image) -> None:
-        """An image, and what belongs to it."""
-        at = self._time(image.stamp)
-        is_exact, jpeg = self.settings.images == "exact", image.jpeg
-        if is_exact and jpeg is None:
-            self._channels.raw.log(_raw(image, at), log_time=self._ns(image.received))
-        elif self.settings.images != "none":
-            data = jpeg if is_exact and jpeg is not None else self._compressed(image)
-            picture = CompressedImage(timestamp=at, frame_id="camera", data=data, format="jpeg")
-            self._channels.jpeg.log(picture, log_time=self._ns(image.received))
-        if image.depth is not None and self.settings.images != "none":
-            self._channels.depth.log(_depth(image, at), log_time=self._ns(image.received))
+        """An image, as the settings want it."""
+        self.still(kept(image, self.settings))
+
+    def still(self, still: Still) -> None:
+        """What is kept of an image."""
+        at, log_time = self._time(still.stamp), self._ns(still.received)
+        if still.raw is not None:
+            self._channels.raw.log(_raw(still.raw, at), log_time=log_time)
+        elif still.jpeg is not None:
+            shown = CompressedImage(timestamp=at, frame_id="camera", data=still.jpeg, format="jpeg")
+            self._channels.jpeg.log(shown, log_time=log_time)
+        if still.depth is not None:
+            self._channels.depth.log(_depth(still.depth, at), log_time=log_time)
         frame = {
-            "id": image.id,
-            "stamp": image.stamp,
-            "received": image.received,
-            "camera": plain(image.camera),
-            "depth": image.depth is not None,
-            "mjpg": is_exact and jpeg is not None,
+            "id": still.id,
+            "stamp": still.stamp,
+            "received": still.received,
+            "camera": plain(still.camera),
+            "depth": still.depth is not None,
+            "mjpg": still.is_own,
         }
-        self._log(self._channels.frame, frame, image.received)
+        self._log(self._channels.frame, frame, still.received)
 
     def entry(self, entry: Entry, number: int) -> None:
         """What the daemon consumed; numbered without a gap."""
@@ -141,10 +144,6 @@ class Tape:
         if self._server is not None:
             self._server.stop()
             self._server = None
-
-    def _compressed(self, image: Image) -> bytes:
-        quality = [cv2.IMWRITE_JPEG_QUALITY, self.settings.jpeg_quality]
-        return bytes(cv2.imencode(".jpg", image.pixels, quality)[1])
 
     def _scan(self, scan: Scan) -> None:
         turn = scan.angle_increment * max(0, scan.ranges.size - 1)
@@ -222,21 +221,21 @@ def part(path: Path, number: int) -> Path:
     return path if number == 0 else path.with_name(f"{path.stem}-{number}{path.suffix}")
 
 
-def _raw(image: Image, at: Timestamp) -> RawImage:
-    height, width = image.pixels.shape[:2]
+def _raw(pixels: Pixels, at: Timestamp) -> RawImage:
+    height, width = pixels.shape[:2]
     return RawImage(
         timestamp=at,
         frame_id="camera",
         width=width,
         height=height,
-        encoding="bgr8" if image.pixels.ndim == 3 else "mono8",
-        step=image.pixels[0].nbytes,
-        data=np.ascontiguousarray(image.pixels).tobytes(),
+        encoding="bgr8" if pixels.ndim == 3 else "mono8",
+        step=pixels[0].nbytes,
+        data=np.ascontiguousarray(pixels).tobytes(),
     )
 
 
-def _depth(image: Image, at: Timestamp) -> RawImage:
-    depth = np.ascontiguousarray(image.depth, np.float32)
+def _depth(depth: npt.NDArray[np.float32], at: Timestamp) -> RawImage:
+    depth = np.ascontiguousarray(depth, np.float32)
     height, width = depth.shape
     return RawImage(
         timestamp=at,

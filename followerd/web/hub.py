@@ -22,6 +22,7 @@ from followerd.web.views import decision_view, legs_view, lines_view, number, sc
 HEADER = struct.Struct("<IIddd")  # kind 1, frame id; s (loop) of exposure, in memory, sent
 PICTURE = 1
 STATE_PERIOD = 0.1  # s, about
+TRACK_PERIOD = 0.05  # s, of tracks between the images; each image has its own
 LOOK = 0.012  # s that a tracker may look at an image before it is shown all the same
 RATED = 40  # measurements that a rate is taken of
 
@@ -43,6 +44,7 @@ class Hub:
         self._stamps: dict[type, deque[float]] = {}
         self._track = ""
         self._shown: TrackState | None = None
+        self._shown_at = -1.0  # s
         self._state = json.dumps({"state": {"mode": "disarmed", "reasons": ["starting"]}})
         self._state_of = -1.0  # s
         self._mode: Mode | None = None  # in it
@@ -162,8 +164,8 @@ class Hub:
             self._show()
         if not self.viewers:
             return
-        is_new, self._shown = track is not self._shown, track
-        if is_new:
+        if is_new := self._is_news(track, decision.stamp):
+            self._shown, self._shown_at = track, decision.stamp
             self._track = json.dumps({"track": track_view(decision)}, allow_nan=False)
         if is_due := self._is_due(decision, is_new=is_new):
             self._renew(decision)
@@ -174,6 +176,14 @@ class Hub:
         self._state_of, self._mode = clock.now(), decision.mode
         state = self._view(decision, self._state_of)
         self._state = json.dumps({"state": state}, allow_nan=False)
+
+    def _is_news(self, track: TrackState | None, now: float) -> bool:
+        """Whether a track is worth a word: scans change it more often than anybody can see."""
+        shown = self._shown
+        if track is shown or track is None or shown is None:
+            return track is not shown
+        changed = (track.frame_id, track.phase) != (shown.frame_id, shown.phase)
+        return changed or now - self._shown_at >= TRACK_PERIOD
 
     def _is_due(self, decision: Decision, *, is_new: bool) -> bool:
         """Best right after an image's decision: then the next image is farthest away."""
