@@ -397,3 +397,15 @@ def test_a_tracker_of_scans_is_believed_as_it_is() -> None:
     assert association.claimed == ()
     association.see(TrackState(1.3, TrackPhase.LOST, 0.0), HERE)
     assert association.bearing(HERE) is None
+
+
+def test_who_passes_while_the_camera_says_nothing_is_not_taken_for_the_person() -> None:
+    association, stamp = followed(), 1.0
+    for y in np.arange(0.95, 0.1, -0.1):
+        stamp += 0.1
+        association.scan(clusters(stamp, *OWN, (1.6, y + 0.1), (1.6, y - 0.1)), HERE)
+    association.see(track(stamp + 0.05, 1.7, 0.1), HERE)
+    association.scan(clusters(stamp + 0.1, OWN[1], (1.6, 0.15), (1.6, -0.05)), HERE)
+    place = association.measured(HERE, stamp + 0.1)
+    assert place is not None
+    assert place.distance == pytest.approx(2.0, abs=0.1)

@@ -125,6 +125,9 @@ class Association:
             return
         s, is_led = self.settings, self._is_led(track, stamp)
         if not is_led and not self.vouches(stamp):
+            self._tied_at = -inf
+            if self.person(stamp) is not None:  # lest they be mixed up until the camera is back
+                self._legs.find(clusters, base, self._expected(base, stamp))
             if points is not None:
                 self.trust.scan(clusters, points, base, None, NOBODYS)
             return
