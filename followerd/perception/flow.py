@@ -79,12 +79,13 @@ def median_flow(before: Pixels, after: Pixels, points: Array) -> Flow | None:
     """Median motion of `points` (N, 2) of a grey image, to a fraction of a pixel; None where too
     few agree."""
     height, width = before.shape
-    inside = ((points > 1.0) & (points < (width - 1.0, height - 1.0))).all(axis=1)
-    if before.shape != after.shape or inside.sum() < LEAST * len(points) or not len(points):
-        return None
+    x, y = points.T
+    inside = (x > 1.0) & (x < width - 1.0) & (y > 1.0) & (y < height - 1.0)
     seen = points[inside].astype(np.float32)
-    left, top = np.maximum(seen.min(axis=0).astype(int) - MARGIN, 0).tolist()
-    right, bottom = (seen.max(axis=0).astype(int) + MARGIN).tolist()
+    if before.shape != after.shape or len(seen) < LEAST * len(points) or not len(points):
+        return None
+    left, top = (max(int(first) - MARGIN, 0) for first in seen.min(axis=0).tolist())
+    right, bottom = (int(last) + MARGIN for last in seen.max(axis=0).tolist())
     part = slice(top, bottom), slice(left, right)
     # pixel i covers i..i+1, the library counts from pixels' middles
     start = (seen - np.array([left + 0.5, top + 0.5], np.float32)).reshape(-1, 1, 2)
@@ -105,11 +106,13 @@ def median_flow(before: Pixels, after: Pixels, points: Array) -> Flow | None:
 def _agreed(moves: Points, asked: int) -> Flow | None:
     if len(moves) < LEAST * asked:
         return None
-    middle = np.median(moves, axis=0)
-    near = moves[np.abs(moves - middle).max(axis=1) < AGREE]
+    # the two middle ones (or one) of each coordinate: np.median takes six times as long
+    low, high = np.sort(moves, axis=0)[[(len(moves) - 1) // 2, len(moves) // 2]]
+    apart = np.abs(moves - 0.5 * (low + high))
+    near = moves[np.maximum(apart[:, 0], apart[:, 1]) < AGREE]
     if len(near) < LEAST * asked:
         return None
-    u, v = near.mean(axis=0).tolist()
+    u, v = (near.sum(axis=0) / len(near)).tolist()
     return Flow(u, v, len(near) / asked)
 
 

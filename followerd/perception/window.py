@@ -5,6 +5,7 @@ from math import ceil, floor, sqrt
 
 import cv2
 import numpy as np
+from cv2.typing import MatLike
 
 from followerd.geometry import Array
 from followerd.messages import Pixels
@@ -33,9 +34,10 @@ class Window:
         return cls(x - half, y - half, scale, frame)
 
     def cut(self, pixels: Pixels) -> Pixels:
-        """The window (SIDE, SIDE, 3) of an image; the image's border is repeated outside.
+        """The window (SIDE, SIDE, 3) of an image, (SIDE, SIDE) of a grey one; the image's border is
+        repeated outside.
 
-        Halving, four channels and nothing outside are what OpenCV has the fastest code for.
+        Halving, one or four channels and nothing outside are what OpenCV has the fastest code for.
         """
         x, y, pixels = self._part(pixels)
         left, top, scale = self.left - x, self.top - y, self.scale
@@ -57,12 +59,9 @@ class Window:
             cv2.BORDER_REPLICATE,
         )
         matrix = np.array([[scale, 0.0, left + beside], [0.0, scale, top + above]])
-        patch = cv2.warpAffine(
-            cv2.cvtColor(framed, cv2.COLOR_BGR2BGRA),
-            matrix,
-            (SIDE, SIDE),
-            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-        )
+        if pixels.ndim == 2:
+            return _warped(framed, matrix)
+        patch = _warped(cv2.cvtColor(framed, cv2.COLOR_BGR2BGRA), matrix)
         return np.asarray(cv2.cvtColor(patch, cv2.COLOR_BGRA2BGR), np.uint8)
 
     def _part(self, pixels: Pixels) -> tuple[int, int, Pixels]:
@@ -93,3 +92,8 @@ class Window:
     def to_image(self, points: Array) -> Array:
         """Window points (N, 2) in image px."""
         return points * self.scale + (self.left, self.top)
+
+
+def _warped(framed: MatLike, matrix: Array) -> Pixels:
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return np.asarray(cv2.warpAffine(framed, matrix, (SIDE, SIDE), flags=flags), np.uint8)
