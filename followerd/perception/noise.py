@@ -13,5 +13,7 @@ def is_noise(pixels: Pixels) -> bool:
     if pixels.shape[1] < 2:
         return False
     rows = pixels[::EVERY].astype(np.float32)
-    difference = float(np.mean(np.square(np.diff(rows, axis=1))))
-    return difference > 2.0 * ALIKE * float(np.var(rows))
+    steps = rows[:, 1:] - rows[:, :-1]
+    rows -= rows.mean()
+    difference, variance = (float(np.vdot(part, part)) / part.size for part in (steps, rows))
+    return difference > 2.0 * ALIKE * variance
