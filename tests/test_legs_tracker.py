@@ -262,3 +262,14 @@ def test_a_cloud_with_no_candidate_only_grows() -> None:
     walker.update(*none)
     assert walker.spread > before
     assert walker.support == 0.0
+
+
+@pytest.mark.parametrize("company", [False, True])
+def test_after_a_blind_time_whoever_is_near_is_the_person_if_nobody_else_was(company: bool) -> None:
+    stage = Stage()
+    stage.enrol((2.0, 0.0))
+    other = legs((2.2, 1.5), 0.0) if company else NOBODY
+    assert stage.shows_for(1.0, np.vstack([legs((2.0, 0.0), 0.0), other])).confidence > 0.9
+    stage.stamp += 1.5
+    again = stage.shows_for(2.0, legs((2.2, 0.4), 0.0))
+    assert (again.confidence > ModeSettings().min_confidence) is not company

@@ -112,7 +112,8 @@ class Legs:
             ego = None
         gap = measurement.stamp - self._stamp
         if self._comeback is None and gap > self.settings.lost_after_s:
-            self._lose(self._stamp)  # whoever stands there now came unseen
+            # whoever stands there now came unseen
+            self._lose(self._stamp, is_crowded=bool(self._bystanders.known))
         dt = min(gap, LONGEST_GAP)
         self._stamp = measurement.stamp
         people = find_people(measurement, self.settings.detector)
@@ -169,9 +170,13 @@ class Legs:
         if self._unseen > s.lost_after_s - 0.01:
             self._lose(people.stamp - self._unseen)
 
-    def _lose(self, since: float) -> None:
+    def _lose(self, since: float, *, is_crowded: bool = False) -> None:
+        """`is_crowded`: even who is near may be somebody else."""
         self._phase, self._confidence = TrackPhase.LOST, 0.0
-        self._comeback = Comeback(self._last, since, self.settings.comeback)
+        settings = self.settings.comeback
+        if is_crowded:
+            settings = settings.model_copy(update={"soon_s": 0.0})
+        self._comeback = Comeback(self._last, since, settings)
 
     def _judge(self, people: People, position: Array, dt: float) -> None:
         """Follow confidence: full on two legs, less on one, none unseen."""
