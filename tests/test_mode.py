@@ -378,13 +378,19 @@ def test_doubt_stops_the_wheels_within_a_third_of_a_second_but_lets_it_turn() ->
     assert kinds(permission) == {StopReason.TARGET_UNSURE}
 
 
-def test_one_doubtful_frame_only_slows() -> None:
+@pytest.mark.parametrize(
+    ("phase", "confidence", "speed"),
+    [(TrackPhase.CONFIRMED, 0.1, 0.4), (TrackPhase.TENTATIVE, 0.9, 0.0)],
+)
+def test_one_doubtful_frame_slows_and_the_next_good_one_goes_on(
+    phase: TrackPhase, confidence: float, speed: float
+) -> None:
     story = following()
-    story.phase = TrackPhase.TENTATIVE
+    story.phase, story.confidence = phase, confidence
     permission = story.run(0.05)
-    assert permission.max_speed == 0.4
+    assert permission.max_speed == speed
     assert not permission.reasons[0].full_stop
-    story.phase = TrackPhase.CONFIRMED
+    story.phase, story.confidence = TrackPhase.CONFIRMED, 0.9
     assert story.run(0.05) == Permission(True, inf)
 
 

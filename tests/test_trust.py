@@ -92,10 +92,19 @@ def test_a_track_that_stands_where_the_laser_sees_through_is_doubted_within_half
     assert run.association.claimed == ()
 
 
-def test_a_track_that_slides_onto_a_wall_is_doubted_after_two_seconds() -> None:
+def test_a_track_that_slides_onto_furniture_is_doubted_after_two_seconds() -> None:
+    run, chair = followed(), desk(1.9, -0.3, 0.3)
+    assert run.go(1.5, (2.0, 0.0), *chair) is TrackPhase.CONFIRMED
+    assert run.go(1.0, (2.0, 0.0), *chair) is TrackPhase.TENTATIVE
+
+
+@pytest.mark.parametrize("ahead", [2.0, 5.4])
+def test_a_track_that_slides_onto_a_bare_wall_is_doubted_within_half_a_second(ahead: float) -> None:
     run = followed()
-    assert run.go(1.5, (2.0, 0.0), wall=2.1) is TrackPhase.CONFIRMED
-    assert run.go(1.0, (2.0, 0.0), wall=2.1) is TrackPhase.TENTATIVE
+    for x in np.arange(2.0, ahead, 0.1):
+        run.go(0.1, (x, 0.0), *person(x, 0.0))
+    assert run.go(0.2, (ahead, 0.0), wall=ahead + 0.1) is TrackPhase.CONFIRMED
+    assert run.go(0.4, (ahead, 0.0), wall=ahead + 0.1) is TrackPhase.TENTATIVE
 
 
 @pytest.mark.parametrize("ahead", [2.0, 5.5])

@@ -243,7 +243,8 @@ class Modes:
             legs = Reason(StopReason.TARGET_UNSURE, "tracker", "by the legs alone", full_stop=False)
             return Permission(True, s.by_legs_speed_mps, 0.0, (legs,))
         doubtful = Reason(StopReason.TARGET_UNSURE, "tracker", self._phase.value, full_stop=False)
-        return Permission(True, s.occluded_speed_mps, 0.0, (doubtful,))
+        speed = 0.0 if self._phase is TrackPhase.TENTATIVE else s.occluded_speed_mps
+        return Permission(True, speed, 0.0, (doubtful,))
 
     def _by_hand(self, now: float) -> Permission:
         if not now - self._hand_at <= self.settings.hand_s:

@@ -31,6 +31,7 @@ class TrustSettings(Settings):
     legs_m: float = Field(0.55, gt=0, description="somebody else's legs hide more as they move")
     past_s: float = Field(0.7, gt=0, description="the camera sees somebody beside the legs")
     laser_m: float = Field(5.0, gt=0, description="farther off legs fall between the beams")
+    leg_m: float = Field(0.12, gt=0, description="but not where returns are closer together")
     beside_m: float = Field(0.45, gt=0, description="of the place, where legs would be")
     agree_s: float = Field(0.5, gt=0, description="camera and legs agree, before trust returns")
     gap_s: float = Field(0.25, gt=0, description="longest break in that")
@@ -195,14 +196,30 @@ class Trust:
         doubt = hypot(2.0 * sigma, s.beside_m)
         hides = ranges < distance - doubt
         if hides.any():
-            k = clusters.first.searchsorted(there[ranges.argmin()], "right") - 1
-            if clusters.width[k] < s.legs_m or hides.mean() > s.hidden_share:
-                is_wall = hides.all() and clusters.width[k] > s.wall_m
+            width = clusters.width[_cluster(clusters, there[ranges.argmin()])]
+            if width < s.legs_m or hides.mean() > s.hidden_share:
+                is_wall = hides.all() and width > s.wall_m
                 return 1.0 / (s.walled_s if is_wall else s.hidden_s)
-        nearest = float(ranges[~hides].min())
-        if distance > s.laser_m:
-            return 0.0
-        return 1.0 / (s.empty_s if nearest > distance + doubt else s.bare_s)
+        seen = there[~hides]
+        is_empty = float(along[seen].min()) > distance + doubt
+        is_wall = clusters.width[_cluster(clusters, seen[0])] > s.wall_m
+        if is_empty or (is_wall and _bulge(points[seen]) < s.off_wall_m):
+            is_dense = seen.size * s.leg_m > 2.0 * s.beside_m
+            return 1.0 / s.empty_s if is_dense or distance <= s.laser_m else 0.0
+        return 1.0 / s.bare_s if distance <= s.laser_m else 0.0
+
+
+def _cluster(clusters: Clusters, beam: np.intp) -> np.intp:
+    """The index of the one that has a beam's return."""
+    return clusters.first.searchsorted(beam, "right") - 1
+
+
+def _bulge(points: Array) -> float:
+    """How far anything of a row of returns (N, 2) stands before the line from end to end, m."""
+    x, y = (points[-1] - points[0]).tolist()
+    off = (x * (points[:, 1] - points[0, 1]) - y * (points[:, 0] - points[0, 0])) / hypot(x, y)
+    towards = y * points[0, 0] - x * points[0, 1]  # on which side the robot is
+    return float((off if towards > 0.0 else -off).max())
 
 
 def _stands_free(clusters: Clusters, k: int, points: Array, off_m: float) -> bool:
