@@ -56,3 +56,17 @@ def one_beam(one: Scan, x: float, y: float) -> Scan:
     ranges = one.ranges.copy()
     ranges[round((atan2(y, x) - one.angle_min) / one.angle_increment)] = hypot(x, y)
     return replace(one, ranges=ranges)
+
+
+def test_who_was_seen_apart_from_the_person_is_never_taken_for_them() -> None:
+    legs, expected = OwnLegs(OwnLegsSettings()), Expected(0.0, THERE[0], 0.9)
+    for k, y in enumerate(np.arange(1.6, 0.1, -0.1)):
+        own = person(*THERE) if y > 0.6 else ()
+        hear(legs, 0.107 * k, expected, *own, *person(THERE[0] - 0.3, y))
+    for k in range(15, 50):  # the person does not come back, the other stays
+        assert not hear(legs, 0.107 * k, expected, *person(THERE[0] - 0.3, 0.2)).size
+
+
+def hear(legs: OwnLegs, stamp: float, expected: Expected, *seen: tuple[float, float]) -> np.ndarray:
+    one = scan(stamp, *seen)
+    return legs.find(find_clusters(one, one.points(), ClusterSettings()), Pose2(), expected)

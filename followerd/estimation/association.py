@@ -78,7 +78,7 @@ class Association:
         if track.phase is TrackPhase.CONFIRMED:
             self.trust.hold(track.stamp)
         elif track.phase is TrackPhase.LOST and not self.vouches(track.stamp):
-            self.trust.lose(track.stamp)
+            self.trust.doubt("the camera lost the person", track.stamp)
         if track.bearing is None:
             return
         if _is_of_scans(track):

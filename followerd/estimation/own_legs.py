@@ -53,6 +53,15 @@ class Expected:
     reach: float = inf  # m, off that place
 
 
+@dataclass(frozen=True, slots=True)
+class Other:
+    """A leg that is somebody else's."""
+
+    place: tuple[float, float]  # m in `odom`
+    seen: float  # s, last
+    is_sure: bool  # once seen well apart from the person's own in one scan
+
+
 class OwnLegs:
     """The person's legs and the others' near them, when last seen."""
 
@@ -66,8 +75,7 @@ class OwnLegs:
         self.hidden = False  # by somebody else's legs, in the newest scan
         self.alone = False  # nobody else's were in reach in the newest scan
         self._own: list[tuple[float, float]] = []  # m in `odom`
-        # m in `odom`, not farther than `others_m`, with the time (s) when they were last seen
-        self._others: list[tuple[tuple[float, float], float]] = []
+        self._others: list[Other] = []  # not farther than `others_m`
 
     @property
     def middle(self) -> tuple[float, float]:
@@ -91,7 +99,7 @@ class OwnLegs:
         self.hidden = False
         stamp = clusters.stamp
         if stamp - self.seen_at > s.mistaken_s:
-            self._others = []
+            self._others = [other for other in self._others if other.is_sure]
 
         def at(k: int) -> tuple[float, float]:
             return base.apply_point(*clusters.centre[k].tolist())
@@ -118,11 +126,12 @@ class OwnLegs:
                 fits.append((off, k))
             if known is not None and known - distance > s.before_m and aside < s.hides_m:
                 self.hidden |= not self._are_own(point, stamp)
-        late = [place for place, seen in self._others if stamp - seen <= s.others_s]
+        late = [other.place for other in self._others if stamp - other.seen <= s.others_s]
         theirs = [k for _, k in fits if self._is_beside(at(k), others + late)]
-        self._remember([*others, *map(at, theirs)], stamp)
+        others += map(at, theirs)
         if self.hidden:
             self.alone = False
+            self._remember(others, stamp)
             return np.empty(0, np.intp)
         found = np.array([k for _, k in sorted(fits) if k not in theirs], np.intp)
         if found.size:
@@ -130,6 +139,7 @@ class OwnLegs:
             found = found[gaps < s.stride_m][:2]
             self._own = [base.apply_point(*centre) for centre in clusters.centre[found].tolist()]
             self.seen_at = clusters.stamp
+        self._remember(others, stamp)
         self.alone = not crowd and found.size == len(fits)
         return found
 
@@ -142,15 +152,15 @@ class OwnLegs:
         s, since = self.settings, stamp - self.seen_at
         leap = max(s.leap_m, s.swing_mps * min(since, LONGEST_SWING))
         own = min((dist(point, leg) for leg in self._own), default=inf)
-        theirs = min((dist(point, other) for other, _ in self._others), default=inf)
+        theirs = min((dist(point, other.place) for other in self._others), default=inf)
         return own < min(leap, theirs)
 
     def _was_anothers(self, point: tuple[float, float], width: float, stamp: float) -> bool:
         """Whether a leg at `point` in odom was somebody else's just before, or touches one."""
         near = [
             off
-            for other, seen in self._others
-            if (off := dist(point, other)) <= self._leap(stamp - seen) + 0.5 * width
+            for other in self._others
+            if (off := dist(point, other.place)) <= self._leap(stamp - other.seen) + 0.5 * width
         ]
         if not near:
             return False
@@ -166,13 +176,14 @@ class OwnLegs:
 
     def _remember(self, others: list[tuple[float, float]], stamp: float) -> None:
         """Whose legs are somebody else's; where one was that is not seen now, it may yet be."""
-        gone = [
-            (place, seen)
-            for place, seen in self._others
-            if stamp - seen <= self.settings.others_s
-            and all(dist(place, other) > self._leap(stamp - seen) for other in others)
-        ]
-        self._others = [(other, stamp) for other in others] + gone
+        s, here, own_seen = self.settings, [], self.seen_at == stamp
+        gone = [other for other in self._others if stamp - other.seen <= s.others_s]
+        for place in others:
+            same = [o for o in self._others if dist(place, o.place) <= self._leap(stamp - o.seen)]
+            gone = [other for other in gone if other not in same]
+            is_apart = own_seen and dist(place, self.middle) > s.others_m
+            here.append(Other(place, stamp, is_apart or any(other.is_sure for other in same)))
+        self._others = here + gone
 
     def _leap(self, since: float) -> float:
         """How far a leg goes between two scans, m."""

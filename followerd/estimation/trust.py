@@ -16,6 +16,8 @@ from followerd.geometry import Array, Pose2
 from followerd.messages import Clusters
 from followerd.settings import Settings
 
+LONGEST_STEP = 0.12  # s between scans, over which a leg is known again by its place alone
+
 
 class TrustSettings(Settings):
     """What ends trust, and what gives it back."""
@@ -35,7 +37,7 @@ class TrustSettings(Settings):
     beside_m: float = Field(0.45, gt=0, description="of the place, where legs would be")
     agree_s: float = Field(0.5, gt=0, description="camera and legs agree, before trust returns")
     gap_s: float = Field(0.25, gt=0, description="longest break in that")
-    soon_s: float = Field(5.0, gt=0, description="whom the camera finds later may be anybody")
+    soon_s: float = Field(5.0, gt=0, description="who is agreed on later may be anybody")
     walk_mps: float = Field(2.0, gt=0, description="nobody is farther from where they were last")
     slack_m: float = Field(0.7, gt=0, description="than this speed explains, but for this much")
     others_m: float = Field(0.7, gt=0, description="from the person's legs: somebody else's")
@@ -44,6 +46,7 @@ class TrustSettings(Settings):
         0.12, gt=0, description="legs stand before the line of their neighbours"
     )
     leap_m: float = Field(0.2, gt=0, description="farthest that those go between two scans")
+    swing_mps: float = Field(2.5, gt=0, description="or as fast as a leg swings")
     most_doubt_s: float = Field(2.0, gt=0, description="before the tracker is told to look anew")
 
 
@@ -67,17 +70,11 @@ class Trust:
         self._legs_at = -inf  # s, free-standing legs were last found at the camera's place
         self._agreed_since = self._agreed_at = -inf  # s
         self._held_at = -inf  # s, the camera had the person, and was believed
-        self._lost = False  # it has had nobody since
 
     def hold(self, stamp: float) -> None:
         """The camera has somebody."""
         if self.given:
             self._held_at = stamp
-
-    def lose(self, stamp: float) -> None:
-        """The camera has nobody."""
-        self.doubt("the camera lost the person", stamp)
-        self._lost = not self.given
 
     def doubt(self, why: str, stamp: float) -> None:
         """From now on the camera must be borne out by legs, if they were ever known."""
@@ -100,9 +97,9 @@ class Trust:
         if stamp - self._agreed_at > s.gap_s:
             self._agreed_since = stamp
         self._agreed_at = stamp
-        is_late = self._lost and self._agreed_since - self._held_at > s.soon_s
+        is_late = self._agreed_since - self._held_at > s.soon_s
         if stamp - self._agreed_since >= s.agree_s and not is_late:
-            self.given, self.why, self._lost = True, "", False
+            self.given, self.why = True, ""
             self.place, self._sure_at, self._against = place, stamp, 0.0
 
     def is_on_another(self, base: Pose2, sight: float) -> bool:
@@ -129,8 +126,10 @@ class Trust:
         `found` the clusters there that may be legs.
         """
         s, stamp = self.settings, clusters.stamp
-        dt, self._scanned_at = min(stamp - self._scanned_at, s.gap_s), stamp
-        legs: Array = base.apply(clusters.centre[clusters.leg_like])
+        dt, self._scanned_at = min(stamp - self._scanned_at, LONGEST_STEP), stamp
+        maybe = clusters.leg_like | clusters.thin
+        legs: Array = base.apply(clusters.centre[maybe])
+        leap = max(s.leap_m, s.swing_mps * dt)
         own = [k for k in found.tolist() if _stands_free(clusters, k, points, s.off_wall_m)]
         if own and (self.given or clusters.range[own].min() < s.laser_m):
             self._legs_at = stamp
@@ -141,10 +140,11 @@ class Trust:
                 self._refute(stamp)
         if self.given and own and stamp - self._sure_at <= s.gap_s:
             off = np.hypot(*(legs - middle).T)
-            passing = (off > s.same_m) & self._were_others(legs)
-            self._others = legs[(off > s.others_m) | passing]
+            beyond = (off > s.others_m) & clusters.leg_like[maybe]
+            passing = (off > s.same_m) & self._were_others(legs, leap)
+            self._others = legs[beyond | passing]
         elif len(self._others) and len(legs):
-            self._follow_others(legs)
+            self._follow_others(legs, leap)
         if own:
             self._against = 0.0
         elif claim is not None:
@@ -169,17 +169,17 @@ class Trust:
         apart = np.hypot(*(self._others - place).T)
         return bool((apart < self.settings.same_m).any())
 
-    def _were_others(self, legs: Array) -> npt.NDArray[np.bool_]:
+    def _were_others(self, legs: Array, leap: float) -> npt.NDArray[np.bool_]:
         """Which of `legs` (K, 2) somebody else has just brought to where they are."""
         apart = np.hypot(*(legs[:, None] - self._others[None]).transpose(2, 0, 1))
-        were: npt.NDArray[np.bool_] = (apart < self.settings.leap_m).any(axis=1)
+        were: npt.NDArray[np.bool_] = (apart < leap).any(axis=1)
         return were
 
-    def _follow_others(self, legs: Array) -> None:
+    def _follow_others(self, legs: Array, leap: float) -> None:
         """Whoever is not the person stays that while walking from scan to scan."""
         apart = np.hypot(*(self._others[:, None] - legs[None]).transpose(2, 0, 1))
         nearest = apart.argmin(axis=1)
-        moved = apart[np.arange(len(apart)), nearest] < self.settings.leap_m
+        moved = apart[np.arange(len(apart)), nearest] < leap
         self._others[moved] = legs[nearest[moved]]
 
     def _speaks_against(
