@@ -37,20 +37,26 @@ def darkroom(rig: Rig) -> Iterator[None]:
     """Until the end of the block another process draws what the rig's camera takes."""
     cv2.setNumThreads(1)  # a forked process would wait for threads that it has not got
     fork = multiprocessing.get_context("fork")
-    ours, theirs = fork.Pipe()
+    # two pipes: a pair of sockets wakes whoever reads on the writer's own core, to take turns there
+    orders, order = fork.Pipe(duplex=False)
+    drawn, answer = fork.Pipe(duplex=False)
     prints = _shared_pictures(MOST, rig.camera.layout.height, rig.camera.layout.width)
     process = fork.Process(
-        target=_draw_all, args=(rig.world.paint, prints, theirs, ours), daemon=True
+        target=_draw_all,
+        args=(rig.world.paint, prints, orders, answer, (order, drawn)),
+        daemon=True,
     )
     process.start()
-    theirs.close()
-    room = Darkroom(ours, prints)
+    orders.close()
+    answer.close()
+    room = Darkroom(order, drawn, prints)
     rig.world.draw, rig.camera.develop = room.colour, room.finish
     try:
         yield
     finally:
-        ours.close()
+        order.close()
         process.join()
+        drawn.close()
 
 
 def _shared_pictures(count: int, height: int, width: int) -> Pixels:
@@ -62,8 +68,9 @@ def _shared_pictures(count: int, height: int, width: int) -> Pixels:
 class Darkroom:
     """Takes shots and hands out blank pictures, which `finish` fills in."""
 
-    def __init__(self, pipe: Connection, prints: Pixels) -> None:
-        self._pipe = pipe
+    def __init__(self, order: Connection, drawn: Connection, prints: Pixels) -> None:
+        """`order` takes what is to be drawn, `drawn` tells of each picture that is."""
+        self._order, self._drawn = order, drawn
         self._prints = cycle(prints)
         self._blank: deque[Pixels] = deque()
         self._camera: Camera | None = None  # of the last order
@@ -78,7 +85,7 @@ class Darkroom:
             order += pickle.dumps(camera)
             self._camera = camera
         try:
-            self._pipe.send_bytes(order)
+            self._order.send_bytes(order)
         except OSError:
             raise _ended() from None
         picture = np.empty((camera.height, camera.width, 3), np.uint8)
@@ -89,29 +96,34 @@ class Darkroom:
         """Wait until every picture is drawn; raises Stopped."""
         while self._blank:
             try:
-                self._pipe.recv_bytes()
+                self._drawn.recv_bytes()
             except (EOFError, OSError):
                 raise _ended() from None
             self._blank.popleft()[:] = next(self._prints)
 
 
 def _draw_all(
-    paint: Callable[[], Draw], prints: Pixels, pipe: Connection, other_end: Connection
+    paint: Callable[[], Draw],
+    prints: Pixels,
+    orders: Connection,
+    drawn: Connection,
+    other_ends: tuple[Connection, ...],
 ) -> None:
-    """Draw one picture after another, until the other end is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever is interrupted closes it
-    other_end.close()
+    """Draw one picture after another, until the other ends are closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever is interrupted closes them
+    for end in other_ends:
+        end.close()
     # a task that wakes up would else push the world off its core, and draw while that waits
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     draw = paint()
     with suppress(EOFError, ConnectionError):
         for picture in cycle(prints):
-            order = pipe.recv_bytes()
+            order = orders.recv_bytes()
             if camera_bytes := order[ORDER.size :]:
                 camera: Camera = pickle.loads(camera_bytes)
             x, y, theta, time, omega = ORDER.unpack_from(order)
             picture[:] = draw(Shot(camera, Pose2(x, y, theta), time), omega)
-            pipe.send_bytes(DRAWN)
+            drawn.send_bytes(DRAWN)
 
 
 def _ended() -> Stopped:
