@@ -37,7 +37,7 @@ def darkroom(rig: Rig) -> Iterator[None]:
     """Until the end of the block another process draws what the rig's camera takes."""
     cv2.setNumThreads(1)  # a forked process would wait for threads that it has not got
     fork = multiprocessing.get_context("fork")
-    # two pipes: a pair of sockets wakes whoever reads on the writer's own core, to take turns there
+    # two pipes, not a pair of sockets: measured, whoever waits for the other goes on sooner
     orders, order = fork.Pipe(duplex=False)
     drawn, answer = fork.Pipe(duplex=False)
     prints = _shared_pictures(MOST, rig.camera.layout.height, rig.camera.layout.width)
