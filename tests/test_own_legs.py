@@ -67,6 +67,16 @@ def test_who_was_seen_apart_from_the_person_is_never_taken_for_them() -> None:
         assert not hear(legs, 0.107 * k, expected, *person(THERE[0] - 0.3, 0.2)).size
 
 
+def test_legs_not_seen_before_stand_in_the_cameras_line() -> None:
+    """After a time without scans the nearest legs may be anybody's (FAILSAFES F8)."""
+    there = (2.2, -0.6)
+    expected = Expected(0.0, 2.3, 0.8)
+    assert hear(OwnLegs(OwnLegsSettings()), 0.0, expected, *person(*there)).size
+    in_line = replace(expected, sight=0.0)
+    assert not hear(OwnLegs(OwnLegsSettings()), 0.0, in_line, *person(*there)).size
+    assert hear(OwnLegs(OwnLegsSettings()), 0.0, in_line, *person(2.2, -0.1)).size == 2
+
+
 def hear(legs: OwnLegs, stamp: float, expected: Expected, *seen: tuple[float, float]) -> np.ndarray:
     one = scan(stamp, *seen)
     return legs.find(find_clusters(one, one.points(), ClusterSettings()), Pose2(), expected)

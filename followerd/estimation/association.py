@@ -273,14 +273,16 @@ class Association:
         return abs(stamp - track.stamp) <= self.settings.max_track_age_s
 
     def _expected(self, base: Pose2, stamp: float) -> Expected:
-        person = self.person(stamp)
+        person, s = self.person(stamp), self.settings
+        sight = wrap_angle(self._sight - base.theta)
         if person is None:
-            return Expected(wrap_angle(self._sight - base.theta))
+            return Expected(sight, sight=sight)
         distance, bearing = person.seen_from(base)
-        s = self.settings
         is_seen = stamp - self._legs.seen_at <= s.max_track_age_s
         gate = s.filter.gate if is_seen else s.first_gate
-        return Expected(bearing, distance, gate * person.sigma + 0.5 * s.legs.stride_m)
+        by_camera = not is_seen and self._track is not None and self._is_led(self._track, stamp)
+        reach = gate * person.sigma + 0.5 * s.legs.stride_m
+        return Expected(bearing, distance, reach, sight if by_camera else None)
 
     def _place(self, track: TrackState, sight: float) -> None:
         """Take over what a tracker of scans knows."""

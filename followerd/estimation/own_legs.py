@@ -25,6 +25,7 @@ class OwnLegsSettings(Settings):
     leg_width_m: float = Field(0.2, gt=0, description="widest that one leg looks")
     stride_m: float = Field(0.7, gt=0, description="farthest apart two legs of one person are")
     cone_deg: float = Field(7.0, gt=0, description="half width of the bearing cone for legs")
+    sight_m: float = Field(0.4, gt=0, description="aside of the camera's line, at first")
     before_m: float = Field(0.35, gt=0, description="nearer than the person: somebody else's legs")
     hides_m: float = Field(0.25, gt=0, description="aside of the line of sight, that still hide")
     others_m: float = Field(1.0, ge=0, description="beyond the reach of the person's own legs")
@@ -51,6 +52,7 @@ class Expected:
     bearing: float  # rad
     distance: float | None = None  # m; None = nothing is known but the direction
     reach: float = inf  # m, off that place
+    sight: float | None = None  # rad; legs not seen just before stand near the camera's line
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +124,7 @@ class OwnLegs:
             if off > expected.reach or was_anothers:
                 others.append(point)
                 crowd += off <= expected.reach
-            elif in_cone:
+            elif in_cone and self._is_in_line(near, clusters.bearing.item(k), expected.sight):
                 fits.append((off, k))
             if known is not None and known - distance > s.before_m and aside < s.hides_m:
                 self.hidden |= not self._are_own(point, stamp)
@@ -146,6 +148,9 @@ class OwnLegs:
     def is_hidden(self, stamp: float) -> bool:
         """Whether the person has just gone behind somebody else's legs."""
         return self.hidden and stamp - self.seen_at <= self.settings.max_hidden_s
+
+    def _is_in_line(self, near: float, bearing: float, sight: float | None) -> bool:
+        return sight is None or near * abs(wrap_angle(bearing - sight)) < self.settings.sight_m
 
     def _are_own(self, point: tuple[float, float], stamp: float) -> bool:
         """Whether the person's leg can have swung to `point`, and nobody else's can."""
