@@ -12,11 +12,10 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
+from followerd.estimation.own_legs import LONGEST_STEP
 from followerd.geometry import Array, Pose2
 from followerd.messages import Clusters
 from followerd.settings import Settings
-
-LONGEST_STEP = 0.12  # s between scans, over which a leg is known again by its place alone
 
 
 class TrustSettings(Settings):
