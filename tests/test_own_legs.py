@@ -80,3 +80,26 @@ def test_legs_not_seen_before_stand_in_the_cameras_line() -> None:
 def hear(legs: OwnLegs, stamp: float, expected: Expected, *seen: tuple[float, float]) -> np.ndarray:
     one = scan(stamp, *seen)
     return legs.find(find_clusters(one, one.points(), ClusterSettings()), Pose2(), expected)
+
+
+def test_a_mixed_return_beside_the_person_is_nobodys_leg() -> None:
+    """A beam that grazes a leg and the wall behind gives a return between them for one scan."""
+    legs, expected = OwnLegs(OwnLegsSettings()), Expected(0.0, 2.0, 0.4)
+    right, left = person(2.0, 0.0)
+    hear(legs, 0.0, expected, right, left)
+    hear(legs, 0.027, expected, right, left, (2.38, 0.3))
+    for k in range(2, 9):  # the left leg falls between two beams
+        assert hear(legs, 0.027 * k, expected, right).size == 1
+    for k in range(9, 12):  # it is back, and nearer to where the mixed return was
+        assert hear(legs, 0.027 * k, expected, right, (2.15, 0.2)).size == 2
+
+
+def test_the_person_is_alone_until_somebody_is_there_for_two_scans() -> None:
+    legs, expected = OwnLegs(OwnLegsSettings()), Expected(0.0, THERE[0], 0.9)
+    third = (THERE[0] - 0.3, 0.3)
+    hear(legs, 0.0, expected, *person(*THERE))
+    assert legs.alone
+    hear(legs, 0.027, expected, *person(*THERE), third)
+    assert legs.alone
+    hear(legs, 0.054, expected, *person(*THERE), third)
+    assert not legs.alone

@@ -62,6 +62,7 @@ class Other:
     place: tuple[float, float]  # m in `odom`
     seen: float  # s, last
     is_sure: bool  # once seen well apart from the person's own in one scan
+    is_lasting: bool  # seen in two scans: no mixed return of a beam that grazed an edge
 
 
 class OwnLegs:
@@ -75,7 +76,8 @@ class OwnLegs:
         """Nobody's legs are known."""
         self.seen_at = -inf  # s
         self.hidden = False  # by somebody else's legs, in the newest scan
-        self.alone = False  # nobody else's were in reach in the newest scan
+        self.alone = False  # nobody else's were in reach in the newest scan, or the one before
+        self._was_alone = False  # in the newest
         self._own: list[tuple[float, float]] = []  # m in `odom`
         self._others: list[Other] = []  # not farther than `others_m`
 
@@ -128,11 +130,11 @@ class OwnLegs:
                 fits.append((off, k))
             if known is not None and known - distance > s.before_m and aside < s.hides_m:
                 self.hidden |= not self._are_own(point, stamp)
-        late = [other.place for other in self._others if stamp - other.seen <= s.others_s]
+        late = [other.place for other in self._late(stamp)]
         theirs = [k for _, k in fits if self._is_beside(at(k), others + late)]
         others += map(at, theirs)
         if self.hidden:
-            self.alone = False
+            self.alone = self._was_alone = False
             self._remember(others, stamp)
             return np.empty(0, np.intp)
         found = np.array([k for _, k in sorted(fits) if k not in theirs], np.intp)
@@ -142,7 +144,8 @@ class OwnLegs:
             self._own = [base.apply_point(*centre) for centre in clusters.centre[found].tolist()]
             self.seen_at = clusters.stamp
         self._remember(others, stamp)
-        self.alone = not crowd and found.size == len(fits)
+        is_alone = not crowd and found.size == len(fits)
+        self.alone, self._was_alone = is_alone or self._was_alone, is_alone
         return found
 
     def is_hidden(self, stamp: float) -> bool:
@@ -182,13 +185,22 @@ class OwnLegs:
     def _remember(self, others: list[tuple[float, float]], stamp: float) -> None:
         """Whose legs are somebody else's; where one was that is not seen now, it may yet be."""
         s, here, own_seen = self.settings, [], self.seen_at == stamp
-        gone = [other for other in self._others if stamp - other.seen <= s.others_s]
+        gone = self._late(stamp)
         for place in others:
             same = [o for o in self._others if dist(place, o.place) <= self._leap(stamp - o.seen)]
             gone = [other for other in gone if other not in same]
             is_apart = own_seen and dist(place, self.middle) > s.others_m
-            here.append(Other(place, stamp, is_apart or any(other.is_sure for other in same)))
+            is_sure = is_apart or any(other.is_sure for other in same)
+            is_lasting = bool(same) or any(
+                o.is_lasting and dist(place, o.place) <= s.pair_m for o in self._others
+            )
+            here.append(Other(place, stamp, is_sure, is_lasting))
         self._others = here + gone
+
+    def _late(self, stamp: float) -> list[Other]:
+        """Somebody else's legs that may still be there if they are not seen at `stamp`."""
+        lasts = self.settings.others_s
+        return [o for o in self._others if o.is_lasting and stamp - o.seen <= lasts]
 
     def _leap(self, since: float) -> float:
         """How far a leg goes between two scans, m."""

@@ -125,10 +125,10 @@ class Trust:
         `found` the clusters there that may be legs.
         """
         s, stamp = self.settings, clusters.stamp
-        dt, self._scanned_at = min(stamp - self._scanned_at, LONGEST_STEP), stamp
+        dt, self._scanned_at = min(stamp - self._scanned_at, s.gap_s), stamp
         maybe = clusters.leg_like | clusters.thin
         legs: Array = base.apply(clusters.centre[maybe])
-        leap = max(s.leap_m, s.swing_mps * dt)
+        leap = max(s.leap_m, s.swing_mps * min(dt, LONGEST_STEP))
         own = [k for k in found.tolist() if _stands_free(clusters, k, points, s.off_wall_m)]
         if own and (self.given or clusters.range[own].min() < s.laser_m):
             self._legs_at = stamp
