@@ -29,12 +29,13 @@ async def armed_by_session(daemon: Daemon, until: float) -> None:
         await clock.sleep(PRESENT)
 
 
-async def rearm(daemon: Daemon, rig: Rig) -> None:
+async def rearm(daemon: Daemon, rig: Rig, *, heads: bool) -> None:
     """Who stands by: arms again after each stop, and shows the person again to a robot in doubt.
 
-    Knows the person, so nobody else is shown; presses MOTORS where they went off.
+    Knows the person, so nobody else is shown; presses MOTORS where they went off. `heads`: the
+    tracker wants to be shown the head.
     """
-    operator, idle = AutoOperator(daemon), 0.0
+    operator, idle = AutoOperator(daemon, heads=heads), 0.0
     while True:
         await clock.sleep(REARM)
         decision = daemon.decision

@@ -108,7 +108,8 @@ def run(job: Job) -> Outcome:
         if job.fault == GONE:
             witness.beside = asyncio.ensure_future(armed_by_session(daemon, start))
         if job.fault == "mixed":
-            witness.beside = asyncio.ensure_future(rearm(daemon, rig))
+            heads = config.tracker.kind == "head"
+            witness.beside = asyncio.ensure_future(rearm(daemon, rig, heads=heads))
 
     follow: Summary = {}
     try:
