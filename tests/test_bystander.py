@@ -11,16 +11,18 @@ from followerd.config import load
 from followerd.control.transitions import Action
 from followerd.messages import Box, TrackState
 from followerd.runtime.daemon import Daemon
+from followerd.sim.faults import Fault, FaultKind
 
-HOLD_AT = 5.0  # s
+HOLD_AT, SHOWN_AT = 5.0, 10.0  # s
 HEAD = 0.15, 0.30  # m, how tall one is
 
 
-def test_a_robot_in_doubt_is_shown_a_head_where_its_tracker_wants_one(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    config = load("head-sim", {"sim.scenario": "face-to-face", "seed": 7001})
-    rig, enrol = app.rig(config), Daemon.enrol
+def shown_to(
+    preset: str, duration: float, monkeypatch: pytest.MonkeyPatch, *faults: Fault
+) -> list[float]:
+    """How tall whatever is shown is where the person stands, m; the robot holds from `HOLD_AT`."""
+    config = load(preset, {"sim.scenario": "face-to-face", "seed": 7001})
+    rig, enrol = app.rig(config, faults), Daemon.enrol
     shown: list[float] = []
     beside: list[asyncio.Task[None]] = []
 
@@ -33,9 +35,27 @@ def test_a_robot_in_doubt_is_shown_a_head_where_its_tracker_wants_one(
 
     def attach(daemon: Daemon) -> None:
         asyncio.get_running_loop().call_at(HOLD_AT, daemon.act, Action.HOLD)
-        beside.append(asyncio.ensure_future(rearm(daemon, rig, heads=True)))
+        heads = config.tracker.kind == "head"
+        beside.append(asyncio.ensure_future(rearm(daemon, rig, heads=heads)))
 
     monkeypatch.setattr(Daemon, "enrol", seen)
-    simulate(config, HOLD_AT + 8.0, attach, world=rig)
-    assert len(shown) >= 2
+    simulate(config, duration, attach, world=rig)
+    return shown
+
+
+@pytest.mark.slow
+def test_a_robot_in_doubt_is_shown_a_head_where_its_tracker_wants_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    shown = shown_to("head-sim", SHOWN_AT + 0.5, monkeypatch)
+    assert len(shown) == 2
     assert all(HEAD[0] < height < HEAD[1] for height in shown), shown
+
+
+@pytest.mark.slow
+def test_nobody_is_shown_where_a_silent_laser_last_saw_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert len(shown_to("hpf-sim", SHOWN_AT + 0.5, monkeypatch)) == 2
+    silent = Fault("laser", FaultKind.OFF, SHOWN_AT - 0.8, 60.0)
+    assert len(shown_to("hpf-sim", SHOWN_AT + 0.5, monkeypatch, silent)) == 1  # at the start

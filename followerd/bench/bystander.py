@@ -6,7 +6,7 @@ from followerd import clock
 from followerd.control.transitions import Action
 from followerd.events import Presence
 from followerd.messages import Mode, StopReason
-from followerd.runtime.auto_operator import AutoOperator, person_ahead
+from followerd.runtime.auto_operator import FRESH, AutoOperator, person_ahead
 from followerd.runtime.daemon import Daemon
 from followerd.sim.rig import Rig
 from followerd.sim.truth import Actor
@@ -55,7 +55,9 @@ async def rearm(daemon: Daemon, rig: Rig, *, heads: bool) -> None:
 def _is_ahead(daemon: Daemon, target: Actor) -> bool:
     """Whether whoever stands before the robot is the person."""
     view, image = daemon.pipeline.view, daemon.vision.newest
-    found = None if view is None or image is None else person_ahead(view.scan, image.camera)
+    if view is None or image is None or clock.now() - view.scan.stamp > FRESH:
+        return False
+    found = person_ahead(view.scan, image.camera)
     if found is None:
         return False
     there = target.distance * cos(target.bearing), target.distance * sin(target.bearing)

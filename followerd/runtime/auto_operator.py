@@ -18,6 +18,7 @@ from followerd.runtime.daemon import Daemon
 from followerd.trackers.sweeping import person_between
 
 RETRY = 0.5  # s
+FRESH = 0.3  # s, a scan shows where somebody is
 NEAREST, FARTHEST = 0.8, 4.0  # m
 
 log = structlog.get_logger()
@@ -52,10 +53,10 @@ class AutoOperator:
             self._scan = measurement
 
     async def _enrol(self) -> bool:
-        image = self._daemon.vision.newest
-        if image is None or self._scan is None:
+        image, scan = self._daemon.vision.newest, self._scan
+        if image is None or scan is None or clock.now() - scan.stamp > FRESH:
             return False
-        region: Box | tuple[float, float] | None = self._region or self._found(image, self._scan)
+        region: Box | tuple[float, float] | None = self._region or self._found(image, scan)
         if region is None:
             log.info("nobody in front of the robot to enrol")
             return False
