@@ -56,6 +56,7 @@ class Run:
         *legs: tuple[float, float],
         phase: TrackPhase = TrackPhase.CONFIRMED,
         wall: float = 6.0,
+        blind: bool = False,
     ) -> TrackPhase:
         """The phase that the pipeline gets at the end."""
         seen = phase
@@ -67,6 +68,8 @@ class Run:
             )
             self.association.see(track, HERE)
             seen = self.association.located(track, HERE, self.now).phase
+            if blind:
+                continue
             one = scan(self.now, *legs, wall=wall)
             points = one.points()
             self.association.scan(find_clusters(one, points, SETTINGS), HERE, points)
@@ -115,6 +118,19 @@ def test_legs_behind_low_furniture_are_no_reason_to_doubt_until_it_lasts(ahead: 
         run.go(0.1, (x, 0.0), *person(x, 0.0))
     assert run.go(4.5, (ahead, 0.0), *desk(1.2)) is TrackPhase.CONFIRMED
     assert run.go(1.0, (ahead, 0.0), *desk(1.2)) is TrackPhase.TENTATIVE
+
+
+def test_a_camera_that_led_while_the_laser_was_blind_is_believed_together_with_legs() -> None:
+    run = followed()
+    assert run.go(1.5, (2.0, 0.0), blind=True) is TrackPhase.CONFIRMED
+    assert run.go(0.3, (2.0, 0.0), *person(2.0, 0.0)) is TrackPhase.TENTATIVE
+    assert run.go(0.7, (2.0, 0.0), *person(2.0, 0.0)) is TrackPhase.CONFIRMED
+
+
+def test_whoever_the_camera_has_after_five_blind_seconds_is_enrolled_anew() -> None:
+    run = followed()
+    run.go(5.5, (2.0, 0.0), blind=True)
+    assert run.go(3.0, (2.0, 0.0), *person(2.0, 0.0)) is TrackPhase.TENTATIVE
 
 
 def test_nobody_is_seen_through_a_wall() -> None:

@@ -36,6 +36,7 @@ class TrustSettings(Settings):
     beside_m: float = Field(0.45, gt=0, description="of the place, where legs would be")
     agree_s: float = Field(0.5, gt=0, description="camera and legs agree, before trust returns")
     gap_s: float = Field(0.25, gt=0, description="longest break in that")
+    blind_s: float = Field(1.0, gt=0, description="without a scan anybody may have come")
     soon_s: float = Field(5.0, gt=0, description="who is agreed on later may be anybody")
     walk_mps: float = Field(2.0, gt=0, description="nobody is farther from where they were last")
     slack_m: float = Field(0.7, gt=0, description="than this speed explains, but for this much")
@@ -71,8 +72,8 @@ class Trust:
         self._held_at = -inf  # s, the camera had the person, and was believed
 
     def hold(self, stamp: float) -> None:
-        """The camera has somebody."""
-        if self.given:
+        """The camera has somebody, and the laser may speak against it."""
+        if self.given and stamp - self._scanned_at <= self.settings.gap_s:
             self._held_at = stamp
 
     def doubt(self, why: str, stamp: float) -> None:
@@ -125,6 +126,8 @@ class Trust:
         `found` the clusters there that may be legs.
         """
         s, stamp = self.settings, clusters.stamp
+        if stamp - self._scanned_at > s.blind_s:
+            self.doubt("the laser was blind meanwhile", stamp)
         dt, self._scanned_at = min(stamp - self._scanned_at, s.gap_s), stamp
         maybe = clusters.leg_like | clusters.thin
         legs: Array = base.apply(clusters.centre[maybe])
