@@ -1,6 +1,7 @@
 """The base driver against the simulated base, over a line at its rate, in virtual time."""
 
 import asyncio
+from dataclasses import replace
 from itertools import pairwise
 from math import degrees, hypot, pi, radians
 from typing import Any
@@ -717,3 +718,22 @@ def test_a_packet_that_lies_about_its_length_or_is_absurd_is_skipped() -> None:
             assert {o.twist for o in b.seen} == {Twist()}
 
     story(told)
+
+
+@pytest.mark.parametrize("speed", [0, 600])
+def test_a_heading_that_the_wheels_did_not_turn_is_not_believed(speed: int) -> None:
+    """However fast they roll: a turn is what tells them apart."""
+    odometer = Odometer(MODELS["p3dx-sh"])
+    straight = Sip(x_raw=100, left=speed, right=speed)
+    odometer.update(straight, 0.0)
+    eighth = replace(straight, x_raw=100 + speed // 10, heading_raw=512)
+    assert not odometer.follows(eighth, 0.1)
+
+
+def test_a_turn_up_to_the_fastest_between_two_reports_is_believed() -> None:
+    odometer = Odometer(MODELS["p3dx-sh"])
+    odometer.update(Sip(), 0.0)
+    for tenth, (raw, wheels) in enumerate([(30, 90), (130, 180), (290, 270), (450, 180)], 1):
+        turning = Sip(heading_raw=raw, left=-wheels, right=wheels)
+        assert odometer.follows(turning, 0.1 * tenth)
+        odometer.update(turning, 0.1 * tenth)

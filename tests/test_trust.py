@@ -127,6 +127,16 @@ def test_a_camera_that_led_while_the_laser_was_blind_is_believed_together_with_l
     assert run.go(0.7, (2.0, 0.0), *person(2.0, 0.0)) is TrackPhase.CONFIRMED
 
 
+def test_whoever_the_camera_has_in_company_after_a_blind_time_is_enrolled_anew() -> None:
+    run = followed()
+    run.go(1.5, (2.0, 0.0), blind=True)
+    somebody = person(2.5, 1.0)
+    assert run.go(0.2, (2.0, 0.0), *person(2.0, 0.0), *somebody) is TrackPhase.TENTATIVE
+    assert run.go(2.0, (2.0, 0.0), *person(2.0, 0.0)) is TrackPhase.TENTATIVE
+    run.association.forget()
+    assert run.go(1.0, (2.0, 0.0), *person(2.0, 0.0), *somebody) is TrackPhase.CONFIRMED
+
+
 def test_whoever_the_camera_has_after_five_blind_seconds_is_enrolled_anew() -> None:
     run = followed()
     run.go(5.5, (2.0, 0.0), blind=True)

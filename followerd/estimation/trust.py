@@ -70,6 +70,8 @@ class Trust:
         self._legs_at = -inf  # s, free-standing legs were last found at the camera's place
         self._agreed_since = self._agreed_at = -inf  # s
         self._held_at = -inf  # s, the camera had the person, and was believed
+        self._was_blind = False  # the laser, before the camera was doubted
+        self._in_company = False  # the person was seen with others after that
 
     def hold(self, stamp: float) -> None:
         """The camera has somebody, and the laser may speak against it."""
@@ -97,9 +99,9 @@ class Trust:
         if stamp - self._agreed_at > s.gap_s:
             self._agreed_since = stamp
         self._agreed_at = stamp
-        is_late = self._agreed_since - self._held_at > s.soon_s
+        is_late = self._agreed_since - self._held_at > s.soon_s or self._in_company
         if stamp - self._agreed_since >= s.agree_s and not is_late:
-            self.given, self.why = True, ""
+            self.given, self.why, self._was_blind = True, "", False
             self.place, self._sure_at, self._against = place, stamp, 0.0
 
     def is_on_another(self, base: Pose2, sight: float) -> bool:
@@ -127,6 +129,7 @@ class Trust:
         """
         s, stamp = self.settings, clusters.stamp
         if stamp - self._scanned_at > s.blind_s:
+            self._was_blind = self.place is not None
             self.doubt("the laser was blind meanwhile", stamp)
         dt, self._scanned_at = min(stamp - self._scanned_at, s.gap_s), stamp
         maybe = clusters.leg_like | clusters.thin
@@ -140,6 +143,8 @@ class Trust:
             if self._is_anothers(middle):
                 self.doubt("the camera has somebody who was another before", stamp)
                 self._refute(stamp)
+        if self._was_blind and self.place is not None:
+            self._in_company |= self._are_several(clusters, points, base, self.place)
         if self.given and own and stamp - self._sure_at <= s.gap_s:
             off = np.hypot(*(legs - middle).T)
             beyond = (off > s.others_m) & clusters.leg_like[maybe]
@@ -156,6 +161,21 @@ class Trust:
                 self._refute(stamp)
         if not self.given and stamp - self.refuted_at > s.most_doubt_s > 0.0:
             self._refute(stamp)
+
+    def _are_several(
+        self, clusters: Clusters, points: Array, base: Pose2, place: tuple[float, float]
+    ) -> bool:
+        """Whether legs of more than one stand where the person can have come from `place`."""
+        s = self.settings
+        free = [
+            k
+            for k in clusters.leg_like.nonzero()[0].tolist()
+            if _stands_free(clusters, k, points, s.off_wall_m)
+        ]
+        legs: Array = base.apply(clusters.centre[free])
+        reach = self.reach(clusters.stamp)
+        near = legs[np.hypot(*(legs - place).T) < reach]
+        return len(near) > 0 and bool((np.hypot(*(near - near[0]).T) > s.others_m).any())
 
     def _refute(self, stamp: float) -> None:
         self.refuted_at, self._agreed_at, self._against = stamp, -inf, 0.0

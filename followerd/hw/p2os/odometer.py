@@ -12,6 +12,7 @@ SLACK = 0.1  # m
 TURN_SLACK = 0.2  # rad
 GROWTH = 4.0  # m/s²; a wheel's speed may vanish at once, but not come up faster
 SPEED_SLACK = 0.15  # m/s
+TURN_GROWTH = 5.3  # rad/s², the most that the firmware turns up to
 MARGIN = 2.0  # × wheel speed; speeds are momentary, steps are not
 
 
@@ -92,7 +93,9 @@ class Odometer:
             return False
         reach = MARGIN * max(before, now) * dt
         step = hypot(dx, dy) * self._model.distance / 1000
-        return step <= reach + SLACK and abs(turn) <= reach / self._model.half_track + TURN_SLACK
+        omega = max(abs(self.twist(s).omega) for s in (last, sip))
+        turned = (MARGIN * omega + 0.5 * TURN_GROWTH * dt) * dt
+        return step <= reach + SLACK and abs(turn) <= turned + TURN_SLACK
 
 
 def _step(old: int, new: int) -> int:
