@@ -17,9 +17,7 @@ HOLD_AT, SHOWN_AT = 5.0, 10.0  # s
 HEAD = 0.15, 0.30  # m, how tall one is
 
 
-def shown_to(
-    preset: str, duration: float, monkeypatch: pytest.MonkeyPatch, *faults: Fault
-) -> list[float]:
+def shown_to(preset: str, monkeypatch: pytest.MonkeyPatch, *faults: Fault) -> list[float]:
     """How tall whatever is shown is where the person stands, m; the robot holds from `HOLD_AT`."""
     config = load(preset, {"sim.scenario": "face-to-face", "seed": 7001})
     rig, enrol = app.rig(config, faults), Daemon.enrol
@@ -39,7 +37,7 @@ def shown_to(
         beside.append(asyncio.ensure_future(rearm(daemon, rig, heads=heads)))
 
     monkeypatch.setattr(Daemon, "enrol", seen)
-    simulate(config, duration, attach, world=rig)
+    simulate(config, SHOWN_AT + 0.5, attach, world=rig)
     return shown
 
 
@@ -47,7 +45,7 @@ def shown_to(
 def test_a_robot_in_doubt_is_shown_a_head_where_its_tracker_wants_one(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    shown = shown_to("head-sim", SHOWN_AT + 0.5, monkeypatch)
+    shown = shown_to("head-sim", monkeypatch)
     assert len(shown) == 2
     assert all(HEAD[0] < height < HEAD[1] for height in shown), shown
 
@@ -56,6 +54,6 @@ def test_a_robot_in_doubt_is_shown_a_head_where_its_tracker_wants_one(
 def test_nobody_is_shown_where_a_silent_laser_last_saw_them(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    assert len(shown_to("hpf-sim", SHOWN_AT + 0.5, monkeypatch)) == 2
+    assert len(shown_to("hpf-sim", monkeypatch)) == 2
     silent = Fault("laser", FaultKind.OFF, SHOWN_AT - 0.8, 60.0)
-    assert len(shown_to("hpf-sim", SHOWN_AT + 0.5, monkeypatch, silent)) == 1  # at the start
+    assert len(shown_to("hpf-sim", monkeypatch, silent)) == 1  # at the start

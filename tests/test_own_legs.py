@@ -77,11 +77,6 @@ def test_legs_not_seen_before_stand_in_the_cameras_line() -> None:
     assert hear(OwnLegs(OwnLegsSettings()), 0.0, in_line, *person(2.2, -0.1)).size == 2
 
 
-def hear(legs: OwnLegs, stamp: float, expected: Expected, *seen: tuple[float, float]) -> np.ndarray:
-    one = scan(stamp, *seen)
-    return legs.find(find_clusters(one, one.points(), ClusterSettings()), Pose2(), expected)
-
-
 def test_a_mixed_return_beside_the_person_is_nobodys_leg() -> None:
     """A beam that grazes a leg and the wall behind gives a return between them for one scan."""
     legs, expected = OwnLegs(OwnLegsSettings()), Expected(0.0, 2.0, 0.4)
@@ -103,3 +98,8 @@ def test_the_person_is_alone_until_somebody_is_there_for_two_scans() -> None:
     assert legs.alone
     hear(legs, 0.054, expected, *person(*THERE), third)
     assert not legs.alone
+
+
+def hear(legs: OwnLegs, stamp: float, expected: Expected, *seen: tuple[float, float]) -> np.ndarray:
+    one = scan(stamp, *seen)
+    return legs.find(find_clusters(one, one.points(), ClusterSettings()), Pose2(), expected)

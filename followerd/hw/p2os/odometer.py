@@ -12,7 +12,7 @@ SLACK = 0.1  # m
 TURN_SLACK = 0.2  # rad
 GROWTH = 4.0  # m/s²; a wheel's speed may vanish at once, but not come up faster
 SPEED_SLACK = 0.15  # m/s
-TURN_GROWTH = 5.3  # rad/s², the most that the firmware turns up to
+TURN_GROWTH = 5.3  # rad/s², 300 degrees/s²: robots turn up slower
 MARGIN = 2.0  # × wheel speed; speeds are momentary, steps are not
 
 
