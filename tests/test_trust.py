@@ -143,6 +143,23 @@ def test_whoever_the_camera_has_after_five_blind_seconds_is_enrolled_anew() -> N
     assert run.go(3.0, (2.0, 0.0), *person(2.0, 0.0)) is TrackPhase.TENTATIVE
 
 
+def test_whom_a_camera_has_that_was_blind_before_legs_were_known_is_enrolled_anew() -> None:
+    run = Run()
+    run.go(0.2, (2.0, 0.0))
+    run.now += 1.5
+    assert run.go(2.0, (3.0, 0.6), *person(3.0, 0.6)) is TrackPhase.TENTATIVE
+    assert run.association.measured(HERE, run.now) is None
+    run.association.forget()
+    assert run.go(1.0, (3.0, 0.6), *person(3.0, 0.6)) is TrackPhase.CONFIRMED
+
+
+def test_where_no_laser_is_a_camera_that_was_blind_is_believed() -> None:
+    run = Run()
+    run.go(0.2, (2.0, 0.0), blind=True)
+    run.now += 1.5
+    assert run.go(0.2, (2.0, 0.3), blind=True) is TrackPhase.CONFIRMED
+
+
 def test_nobody_is_seen_through_a_wall() -> None:
     run = followed()
     assert run.go(0.8, (2.0, 0.0), wall=1.2) is TrackPhase.CONFIRMED

@@ -72,7 +72,10 @@ class Association:
 
     def see(self, track: TrackState, base: Pose2) -> None:
         """Take a track; `base` is `odom_from_base` at its stamp."""
+        since = inf if self._track is None else self._track.stamp
         self._track = track
+        if track.stamp - since > self.settings.trust.blind_s:
+            self.trust.doubt_unknown()
         if track.phase is not TrackPhase.CONFIRMED:
             self.claimed = ()
         if track.phase is TrackPhase.CONFIRMED:
@@ -259,7 +262,8 @@ class Association:
 
     def _not_there(self, base: Pose2, stamp: float) -> Place | None:
         """For a tracker that is not believed: where the person was when it last was."""
-        assert self.trust.place is not None
+        if self.trust.place is None:
+            return None
         x, y = (~base).apply_point(*self.trust.place)
         refuted = stamp - self.trust.refuted_at <= self.settings.gap_s
         return Place(hypot(x, y), atan2(y, x), self.trust.reach(stamp), seen=False, refuted=refuted)

@@ -36,7 +36,9 @@ class TrustSettings(Settings):
     beside_m: float = Field(0.45, gt=0, description="of the place, where legs would be")
     agree_s: float = Field(0.5, gt=0, description="camera and legs agree, before trust returns")
     gap_s: float = Field(0.25, gt=0, description="longest break in that")
-    blind_s: float = Field(1.0, gt=0, description="without a scan anybody may have come")
+    blind_s: float = Field(
+        1.0, gt=0, description="without a scan, or a picture, anybody may have come"
+    )
     soon_s: float = Field(5.0, gt=0, description="who is agreed on later may be anybody")
     walk_mps: float = Field(2.0, gt=0, description="nobody is farther from where they were last")
     slack_m: float = Field(0.7, gt=0, description="than this speed explains, but for this much")
@@ -71,7 +73,7 @@ class Trust:
         self._agreed_since = self._agreed_at = -inf  # s
         self._held_at = -inf  # s, the camera had the person, and was believed
         self._was_blind = False  # the laser, before the camera was doubted
-        self._in_company = False  # the person was seen with others after that
+        self._is_anybody = False  # whom the camera has: only the operator can tell
 
     def hold(self, stamp: float) -> None:
         """The camera has somebody, and the laser may speak against it."""
@@ -83,6 +85,12 @@ class Trust:
         if self.given and self.place is not None:
             self.given, self.why = False, why
             self._agreed_at, self.refuted_at = -inf, stamp
+
+    def doubt_unknown(self) -> None:
+        """The camera was blind: who is not known by the legs yet must be shown again."""
+        if self.place is None and self._scanned_at > -inf:
+            self.given, self.why = False, "the camera was blind before the legs were known"
+            self._is_anybody = True
 
     def agree(self, place: tuple[float, float], stamp: float) -> None:
         """The camera confirms that the legs at `place` are the person's."""
@@ -99,7 +107,7 @@ class Trust:
         if stamp - self._agreed_at > s.gap_s:
             self._agreed_since = stamp
         self._agreed_at = stamp
-        is_late = self._agreed_since - self._held_at > s.soon_s or self._in_company
+        is_late = self._agreed_since - self._held_at > s.soon_s or self._is_anybody
         if stamp - self._agreed_since >= s.agree_s and not is_late:
             self.given, self.why, self._was_blind = True, "", False
             self.place, self._sure_at, self._against = place, stamp, 0.0
@@ -144,7 +152,7 @@ class Trust:
                 self.doubt("the camera has somebody who was another before", stamp)
                 self._refute(stamp)
         if self._was_blind and self.place is not None:
-            self._in_company |= self._are_several(clusters, points, base, self.place)
+            self._is_anybody |= self._are_several(clusters, points, base, self.place)
         if self.given and own and stamp - self._sure_at <= s.gap_s:
             off = np.hypot(*(legs - middle).T)
             beyond = (off > s.others_m) & clusters.leg_like[maybe]
