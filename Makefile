@@ -36,8 +36,8 @@ format: $(READY)
 	$(BIN)/ruff check --fix .
 
 IMAGE_TESTS := $(addprefix tests/test_,bench_film.py blobs.py camera.py camera_calibration.py \
-  camera_files.py camera_v4l2.py colour.py head.py hpf.py hybrid.py kinect.py patches.py \
-  render.py stereo.py track.py windows.py)
+  camera_files.py camera_v4l2.py colour.py head.py hotspot.py hpf.py hybrid.py kinect.py ofkf.py \
+  patches.py render.py stereo.py track.py windows.py)
 
 opencv4: $(READY) ## the image code on the oldest OpenCV that is supported
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --upgrade --target build/opencv4 "opencv-python-headless==4.10.*"

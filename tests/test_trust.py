@@ -196,6 +196,15 @@ def test_a_track_that_goes_over_to_somebody_who_stood_there_is_doubted_at_once()
     assert run.go(0.5, (2.0, -0.4), *person(2.0, -0.4)) is TrackPhase.TENTATIVE
 
 
+def test_a_track_that_slides_before_somebody_else_is_doubted_within_two_scans() -> None:
+    """Far off, legs fall between the beams; where another's are seen, the person's would be."""
+    run, another = Run(), person(4.5, -0.4)
+    run.go(1.0, (4.0, 0.4), *person(4.0, 0.4), *another)
+    for y in np.arange(0.3, 0.0, -0.1):
+        assert run.go(0.1, (4.0, y), *another) is TrackPhase.CONFIRMED
+    assert run.go(0.2, (4.0, -0.35), *another) is TrackPhase.TENTATIVE
+
+
 def heard(trust: Trust, stamp: float, found: tuple[tuple[float, float], ...], *rest: Leg) -> None:
     """One scan in which the legs `found` are taken for the person's, and `rest` are not."""
     one = scan(stamp, *found, *rest)

@@ -22,6 +22,8 @@ class TrustSettings(Settings):
     """What ends trust, and what gives it back."""
 
     empty_s: float = Field(0.4, gt=0, description="the laser sees through the person's place")
+    through_s: float = Field(0.2, gt=0, description="and it sees somebody else's legs there")
+    body_m: float = Field(0.25, gt=0, description="aside of a line that a person hides")
     bare_s: float = Field(2.0, gt=0, description="it sees something there, but no legs")
     hidden_s: float = Field(5.0, gt=0, description="something hides the legs, if there are any")
     walled_s: float = Field(1.0, gt=0, description="something as wide as a wall does")
@@ -163,7 +165,9 @@ class Trust:
         if own:
             self._against = 0.0
         elif claim is not None:
-            self._against += dt * self._speaks_against(clusters, points, *claim)
+            is_through = self._sees_another_behind(legs, leap, base, *claim[:2])
+            against = self._speaks_against(clusters, points, *claim)
+            self._against += dt * max(against, is_through / s.through_s)
             if self._against >= 1.0:
                 self.doubt("no legs where the camera has the person", stamp)
                 self._refute(stamp)
@@ -211,6 +215,15 @@ class Trust:
         nearest = apart.argmin(axis=1)
         moved = apart[np.arange(len(apart)), nearest] < leap
         self._others[moved] = legs[nearest[moved]]
+
+    def _sees_another_behind(
+        self, legs: Array, leap: float, base: Pose2, distance: float, bearing: float
+    ) -> bool:
+        """Whether legs (K, 2) that are somebody else's are seen through a place in `base`."""
+        x, y = (~base).apply(legs[self._were_others(legs, leap)]).T
+        along, aside = x * cos(bearing) + y * sin(bearing), y * cos(bearing) - x * sin(bearing)
+        behind = along > distance + self.settings.same_m
+        return bool((behind & (np.abs(aside) < self.settings.body_m)).any())
 
     def _speaks_against(
         self, clusters: Clusters, points: Array, distance: float, bearing: float, sigma: float
