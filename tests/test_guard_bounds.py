@@ -113,6 +113,13 @@ def test_a_standing_robot_does_not_creep_up_to_its_margin() -> None:
     assert twist(b.check(Twist(0.7, 0.0))).v == 0.0
 
 
+def test_a_robot_that_drives_is_slowed_before_it_is_stopped() -> None:
+    """Room for 6 cm/s: too little to set off, enough to roll out."""
+    b = bench().sees(seen((0, 60, 0.97)))
+    b.guard._approved, b.guard._approved_at = Twist(0.3, 0.0), NOW - 0.05
+    assert 0.0 < twist(b.guard.check(Twist(0.3, 0.0), b.situation, NOW)).v < 0.1
+
+
 def test_an_arc_toward_a_wall_is_slowed_and_not_given_up() -> None:
     assert 0.2 < twist(bench().sees(seen((0, 60, 1.5))).check(Twist(0.7, 0.2))).v < 0.65
     b = bench().sees(seen((0, 60, 1.5)))

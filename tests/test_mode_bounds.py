@@ -249,6 +249,16 @@ def test_motors_have_their_time_to_come_on() -> None:
         assert story.mode() is mode
 
 
+def test_motors_have_their_time_to_come_on_for_a_hand_too() -> None:
+    story = Exactly()
+    story.motors = False
+    assert story.do(Action.MANUAL) == ""
+    for seconds, mode in [(2.0, Mode.MANUAL), (2.01, Mode.DISARMED)]:
+        story.after(seconds)
+        story.modes.base(story.odometry(), story.now)
+        assert story.mode() is mode
+
+
 def test_who_was_away_for_just_as_long_as_is_allowed_is_not_disarmed() -> None:
     story = Exactly()
     story.modes.late(1.0, story.now)
