@@ -279,14 +279,15 @@ class Association:
     def _expected(self, base: Pose2, stamp: float) -> Expected:
         person, s = self.person(stamp), self.settings
         sight = wrap_angle(self._sight - base.theta)
+        given = self.trust.given
         if person is None:
-            return Expected(sight, sight=sight)
+            return Expected(sight, sight=sight, believed=given)
         distance, bearing = person.seen_from(base)
         is_seen = stamp - self._legs.seen_at <= s.max_track_age_s
         gate = s.filter.gate if is_seen else s.first_gate
         by_camera = not is_seen and self._track is not None and self._is_led(self._track, stamp)
         reach = gate * person.sigma + 0.5 * s.legs.stride_m
-        return Expected(bearing, distance, reach, sight if by_camera else None)
+        return Expected(bearing, distance, reach, sight if by_camera else None, given)
 
     def _place(self, track: TrackState, sight: float) -> None:
         """Take over what a tracker of scans knows."""

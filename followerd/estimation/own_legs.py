@@ -53,6 +53,7 @@ class Expected:
     distance: float | None = None  # m; None = nothing is known but the direction
     reach: float = inf  # m, off that place
     sight: float | None = None  # rad; legs not seen just before stand near the camera's line
+    believed: bool = True  # whoever looks there is; else nobody else's legs become the person's
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +103,7 @@ class OwnLegs:
         crowd = 0
         self.hidden = False
         stamp = clusters.stamp
-        if stamp - self.seen_at > s.mistaken_s:
+        if expected.believed and stamp - self.seen_at > s.mistaken_s:
             self._others = [other for other in self._others if other.is_sure]
 
         def at(k: int) -> tuple[float, float]:

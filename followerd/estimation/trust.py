@@ -24,7 +24,7 @@ class TrustSettings(Settings):
     empty_s: float = Field(0.4, gt=0, description="the laser sees through the person's place")
     through_s: float = Field(0.2, gt=0, description="and it sees somebody else's legs there")
     body_m: float = Field(0.25, gt=0, description="aside of a line that a person hides")
-    bare_s: float = Field(2.0, gt=0, description="it sees something there, but no legs")
+    bare_s: float = Field(2.0, gt=0, description="it sees no legs there, nor through")
     hidden_s: float = Field(5.0, gt=0, description="something hides the legs, if there are any")
     walled_s: float = Field(1.0, gt=0, description="something as wide as a wall does")
     wall_m: float = Field(2.0, gt=0, description="that wide")
@@ -233,8 +233,9 @@ class Trust:
         along = points @ (cos(bearing), sin(bearing))
         aside = points @ (-sin(bearing), cos(bearing))
         there = np.flatnonzero(np.abs(distance * aside) < s.beside_m * along)
-        if there.size < 2:
-            return 0.0
+        if there.size < 2:  # or out of the scan
+            angles = np.arctan2(points[:, 1], points[:, 0])
+            return float((angles < bearing).any() and (angles > bearing).any()) / s.bare_s
         ranges = along[there]
         doubt = hypot(2.0 * sigma, s.beside_m)
         hides = ranges < distance - doubt
@@ -248,8 +249,8 @@ class Trust:
         is_wall = clusters.width[_cluster(clusters, seen[0])] > s.wall_m
         if is_empty or (is_wall and _bulge(points[seen]) < s.off_wall_m):
             is_dense = seen.size * s.leg_m > 2.0 * s.beside_m
-            return 1.0 / s.empty_s if is_dense or distance <= s.laser_m else 0.0
-        return 1.0 / s.bare_s if distance <= s.laser_m else 0.0
+            return 1.0 / (s.empty_s if is_dense or distance <= s.laser_m else s.bare_s)
+        return 1.0 / s.bare_s
 
 
 def _cluster(clusters: Clusters, beam: np.intp) -> np.intp:
