@@ -116,8 +116,7 @@ class Trust:
 
     def is_on_another(self, base: Pose2, sight: float) -> bool:
         """Whether somebody else's legs are where the camera looks, along `sight` in `odom`."""
-        x, y = (self._others - (base.x, base.y)).T
-        ahead, aside = x * cos(sight) + y * sin(sight), y * cos(sight) - x * sin(sight)
+        ahead, aside = _along(self._others - (base.x, base.y), sight)
         return bool(((ahead > 0.0) & (np.abs(aside) < self.settings.same_m)).any())
 
     def reach(self, stamp: float) -> float:
@@ -220,8 +219,7 @@ class Trust:
         self, legs: Array, leap: float, base: Pose2, distance: float, bearing: float
     ) -> bool:
         """Whether legs (K, 2) that are somebody else's are seen through a place in `base`."""
-        x, y = (~base).apply(legs[self._were_others(legs, leap)]).T
-        along, aside = x * cos(bearing) + y * sin(bearing), y * cos(bearing) - x * sin(bearing)
+        along, aside = _along((~base).apply(legs[self._were_others(legs, leap)]), bearing)
         behind = along > distance + self.settings.same_m
         return bool((behind & (np.abs(aside) < self.settings.body_m)).any())
 
@@ -233,7 +231,7 @@ class Trust:
         along = points @ (cos(bearing), sin(bearing))
         aside = points @ (-sin(bearing), cos(bearing))
         there = np.flatnonzero(np.abs(distance * aside) < s.beside_m * along)
-        if there.size < 2:  # or out of the scan
+        if there.size < 2:  # no echo, or not swept
             angles = np.arctan2(points[:, 1], points[:, 0])
             return float((angles < bearing).any() and (angles > bearing).any()) / s.bare_s
         ranges = along[there]
@@ -251,6 +249,13 @@ class Trust:
             is_dense = seen.size * s.leg_m > 2.0 * s.beside_m
             return 1.0 / (s.empty_s if is_dense or distance <= s.laser_m else s.bare_s)
         return 1.0 / s.bare_s
+
+
+def _along(points: Array, direction: float) -> tuple[Array, Array]:
+    """How far points (N, 2) are ahead in a direction, and aside of it to the left."""
+    x, y = points.T
+    c, s = cos(direction), sin(direction)
+    return x * c + y * s, y * c - x * s
 
 
 def _cluster(clusters: Clusters, beam: np.intp) -> np.intp:
